@@ -1,0 +1,292 @@
+"""Every hyper-parameter, with units, in three presets.
+
+``smoke`` runs every line in seconds and its results mean nothing; ``laptop`` gives the figures
+that the README shows; ``thesis`` holds the thesis's own values and is meant for a GPU.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, replace
+
+from cassie_lib.errors import unknown_name
+
+
+@dataclass(frozen=True)
+class SimulationParameters:
+    """Physics.  Coarse steps serve expert training only; every reported number uses fine ones."""
+
+    timestep_s: float = 0.0005
+    training_timestep_s: float = 0.002
+    speed_mps: float = 0.0509  # commanded forward speed of the thesis's data (section 4.3.2)
+
+
+@dataclass(frozen=True)
+class ExpertParameters:
+    """Recurrent PPO (thesis section 4.3.1)."""
+
+    hidden_size: int = 128
+    layers: int = 2
+    action_std_rad: float = 0.13  # fixed exploration noise
+    robots: int = 128
+    rollout_steps: int = 56  # control steps per robot and update
+    total_steps: int = 4_000_000  # control steps over all robots
+    epochs: int = 3
+    minibatches: int = 4
+    sequence_steps: int = 28  # truncation of back-propagation through time
+    learning_rate: float = 5e-4
+    discount: float = 0.96
+    gae_lambda: float = 0.95
+    clip: float = 0.2
+    target_kl: float = 0.03
+    max_gradient_norm: float = 0.5
+    episode_steps: int = 300
+    gait_weight: float = 0.3  # share of the periodic swing/stance term in the training reward
+    termination_reward: float = 0.3  # an episode ends when Eq 3.10 falls under this
+    min_speed_mps: float = 0.0
+    max_speed_mps: float = 1.0
+    checkpoint_seconds: float = 60.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class CollectionParameters:
+    """One data set of section 4.3: how many transitions at which action noise."""
+
+    name: str
+    transitions: int
+    noise_std_rad: float
+    seed: int
+    episode_steps: int = 300
+    robots: int = 32
+
+
+@dataclass(frozen=True)
+class DataParameters:
+    """The five data sets of sections 5.1.1 and 5.1.2."""
+
+    train: CollectionParameters = CollectionParameters("train", 90_650, 0.06, 1)
+    validation: CollectionParameters = CollectionParameters("validation", 41_650, 0.03, 2)
+    test: CollectionParameters = CollectionParameters("test", 41_650, 0.01, 3)
+    baseline: CollectionParameters = CollectionParameters("baseline", 10_000, 0.01, 4)
+    baseline_test: CollectionParameters = CollectionParameters("baseline_test", 4_000, 0.03, 5)
+
+
+@dataclass(frozen=True)
+class MLPParameters:
+    """Fully connected baseline (section 5.1.1, Figures 5.1 and 5.2)."""
+
+    context: int = 100  # H, past state-action pairs
+    hidden_layers: int = 3
+    hidden_size: int = 5000
+    learning_rate: float = 1e-4
+    batch_size: int = 128
+    epochs: int = 25
+    curriculum_epochs: int = 20
+    horizon: int = 6  # tau, predicted control steps
+    patience: int = 4  # epochs
+    slope: float = 0.05
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class TransformerParameters:
+    """Encoder-decoder of section 5.1.2; the defaults have 12,919,393 parameters."""
+
+    context: int = 30  # H
+    representation_size: int = 1000
+    representation_layers: int = 2
+    embedding_size: int = 64
+    model_size: int = 256
+    heads: int = 8
+    encoder_layers: int = 4
+    decoder_layers: int = 4
+    feedforward_size: int = 2048
+    dropout: float = 0.1
+    horizon: int = 10  # tau
+    epochs: int = 1000
+    windows_per_epoch: int = 0  # 0: all of them
+    batch_size: int = 128
+    learning_rate: float = 1e-4
+    weight_decay: float = 1e-2
+    gradient_penalty: float = 1e-2  # lambda of Eq 3.9
+    order_weights: tuple[float, float, float] = (1.0, 2.0, 5.0)  # w by derivative order
+    scheduler_patience: int = 75  # epochs
+    scheduler_factor: float = 0.9
+    patience: int = 75  # p, epochs
+    change_percent: float = 5.0  # psi
+    max_minutes: float = 0.0  # 0: no limit
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class CausalParameters:
+    """Decoder-only model with a key-value cache: this project's extension."""
+
+    context: int = 30
+    model_size: int = 128
+    heads: int = 4
+    layers: int = 3
+    feedforward_size: int = 512
+    dropout: float = 0.0
+    horizon: int = 10
+    steps: int = 20_000  # optimiser steps
+    batch_size: int = 128
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-2
+    order_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    max_minutes: float = 45.0
+    wide_noise_std_rad: float = 0.15  # one more training set, collected at this action noise
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class CEMParameters:
+    """CEM planner (section 5.2.1)."""
+
+    samples: int = 1000  # N
+    elites: int = 50  # K
+    iterations: int = 10  # C
+    horizon: int = 10  # tau
+    discount: float = 0.99  # gamma, applied as gamma^t
+    variance: tuple[float, ...] = (0.01, 0.02, 0.01, 0.05, 0.01, 0.03, 0.02, 0.04, 0.01, 0.01)
+    mean: str = "zero"  # zero | warm | expert
+    covariance: str = "diagonal"  # diagonal | full
+    keep_best: bool = False
+    bound_rad: float = 0.5
+    noise_colour: float = 0.0  # exponent of the power spectrum over the horizon (iCEM)
+    elite_reuse: float = 0.0  # share of elites carried to the next iteration (iCEM)
+    terminal_value: bool = False
+    lateral: str = "position"  # position | height
+    deadband: bool = False
+
+
+@dataclass(frozen=True)
+class GradientCEMParameters(CEMParameters):
+    """Gradient-CEM planner (Algorithm 2, section 5.2.2)."""
+
+    gradient_iterations: int = 7  # G
+    learning_rate: float = 7e-2
+    momentum: float = 0.8
+    normalise_gradient: bool = False
+    gradient_on_all: bool = False  # True: gradients on all N samples, reference [3]
+
+
+@dataclass(frozen=True)
+class DAggerParameters:
+    """Model-based DAgger (Algorithm 3, section 5.2.3)."""
+
+    cycle_steps: int = 27  # phi
+    transitions: int = 100_000  # M per round
+    schedule: tuple[int, ...] = (1, 2)  # n of each round
+    decay: float = 1.0  # beta on older rounds (section 6.2)
+    split: tuple[float, float, float] = (0.6, 0.2, 0.2)
+    robots: int = 16
+    minutes_per_round: float = 0.0  # training budget; 0: no limit
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class EvaluationParameters:
+    """Protocol of every reported number."""
+
+    seeds: int = 10
+    steps: int = 1000  # control steps per episode
+
+
+@dataclass(frozen=True)
+class Preset:
+    """All parameters of one preset."""
+
+    name: str
+    simulation: SimulationParameters = field(default_factory=SimulationParameters)
+    expert: ExpertParameters = field(default_factory=ExpertParameters)
+    data: DataParameters = field(default_factory=DataParameters)
+    mlp: MLPParameters = field(default_factory=MLPParameters)
+    transformer: TransformerParameters = field(default_factory=TransformerParameters)
+    causal: CausalParameters = field(default_factory=CausalParameters)
+    cem: CEMParameters = field(default_factory=CEMParameters)
+    gradient_cem: GradientCEMParameters = field(default_factory=GradientCEMParameters)
+    dagger: DAggerParameters = field(default_factory=DAggerParameters)
+    evaluation: EvaluationParameters = field(default_factory=EvaluationParameters)
+
+
+def _smoke() -> Preset:
+    collection = {
+        name: CollectionParameters(name, transitions, noise, seed, episode_steps=60, robots=4)
+        for name, transitions, noise, seed in (
+            ("train", 480, 0.06, 1), ("validation", 240, 0.03, 2), ("test", 240, 0.01, 3),
+            ("baseline", 480, 0.01, 4), ("baseline_test", 240, 0.03, 5),
+        )
+    }
+    cem = CEMParameters(samples=8, elites=3, iterations=1, horizon=3, mean="warm")
+    return Preset(
+        "smoke",
+        expert=ExpertParameters(
+            hidden_size=16, robots=4, rollout_steps=28, total_steps=224, epochs=1, minibatches=1,
+            episode_steps=56,
+        ),
+        data=DataParameters(**collection),
+        mlp=MLPParameters(context=5, hidden_size=32, epochs=2, curriculum_epochs=2, horizon=2,
+                          patience=1),
+        transformer=TransformerParameters(
+            context=6, representation_size=16, embedding_size=8, model_size=16, heads=2,
+            encoder_layers=1, decoder_layers=1, feedforward_size=32, horizon=2, epochs=2,
+            windows_per_epoch=64, batch_size=32, scheduler_patience=1, patience=1,
+        ),
+        causal=CausalParameters(context=6, model_size=16, heads=2, layers=1, feedforward_size=32,
+                                horizon=3, steps=6, batch_size=16, max_minutes=0.5),
+        cem=cem,
+        gradient_cem=GradientCEMParameters(
+            samples=8, elites=3, iterations=1, horizon=3, mean="warm", gradient_iterations=1,
+            normalise_gradient=True,
+        ),
+        dagger=DAggerParameters(transitions=224, schedule=(1, 27), robots=4,
+                                minutes_per_round=0.1),
+        evaluation=EvaluationParameters(seeds=2, steps=40),
+    )
+
+
+def _laptop() -> Preset:
+    return Preset(
+        "laptop",
+        mlp=MLPParameters(hidden_size=512),
+        transformer=TransformerParameters(
+            representation_size=256, model_size=128, feedforward_size=512, heads=4,
+            encoder_layers=2, decoder_layers=2, epochs=300, windows_per_epoch=8192,
+            scheduler_patience=20, patience=15, max_minutes=60.0,
+        ),
+        cem=CEMParameters(samples=256, elites=32, iterations=4, mean="warm", keep_best=True),
+        gradient_cem=GradientCEMParameters(
+            samples=32, elites=8, iterations=1, gradient_iterations=12, learning_rate=0.03,
+            mean="warm", keep_best=True, normalise_gradient=True,
+        ),
+        dagger=DAggerParameters(transitions=20_000, schedule=(1, 2, 9, 18, 27),
+                                minutes_per_round=15.0),
+    )
+
+
+PRESETS = {preset.name: preset for preset in (_smoke(), _laptop(), Preset("thesis"))}
+
+
+def get_preset(name: str) -> Preset:
+    """Return a preset by name.
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+    """
+    if name not in PRESETS:
+        raise unknown_name("preset", name, PRESETS)
+    return PRESETS[name]
+
+
+def resolve(name: str) -> Preset:
+    """Preset of a notebook: ``CASSIE_PRESET`` overrides the cell, because nbval cannot inject.
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+    """
+    return get_preset(os.environ.get("CASSIE_PRESET") or name)
+
+
+__all__ = ["PRESETS", "Preset", "get_preset", "replace", "resolve"]

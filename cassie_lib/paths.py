@@ -17,5 +17,31 @@ DATA = ROOT / "data"
 #: Artifacts that are recomputed in minutes; not kept in git.
 CACHE = Path(os.environ.get("CASSIE_CACHE", DATA / "cache")).expanduser().resolve()
 LOCK = ROOT / "environment.lock"
+README = ROOT / "README.md"
+SNAKEFILE = NOTEBOOKS / "Snakefile"
 ROBOT_XML = PACKAGE / "robot" / "cassie.xml"
 ROBOT_PARAMETERS = PACKAGE / "robot" / "cassie_parameters.json"
+
+
+def figures_folder(preset: str, changed: bool = False) -> Path:
+    """Folder of the pictures and of ``results.json`` of a run.
+
+    Only an unchanged ``laptop`` run writes where git looks: a smoke test or a trial with other
+    parameters must never replace a figure that the README shows.
+
+    Args:
+        preset: Name of the preset.
+        changed: Whether single parameters differ from the preset's.
+    """
+    if changed:
+        return CACHE / f"{preset}-changed-figures"
+    return {"laptop": FIGURES, "thesis": FIGURES / "thesis"}.get(
+        preset, CACHE / f"{preset}-figures"
+    )
+
+
+def executed_folder(preset: str, changed: bool = False) -> Path:
+    """Folder of the executed notebooks of a run: in git for an unchanged ``laptop`` run only."""
+    if preset == "laptop" and not changed:
+        return FIGURES / "executed"
+    return CACHE / f"{preset}{'-changed' if changed else ''}-executed"

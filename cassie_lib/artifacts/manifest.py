@@ -1,0 +1,161 @@
+"""``manifest.json``: what an artifact holds, what made it, and whether it is still whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cassie_lib import paths
+from cassie_lib.artifacts.stages import get_stage, recipe_key
+from cassie_lib.code_version import code_fingerprint
+from cassie_lib.errors import ArtifactError
+from cassie_lib.files import canonical_json, sha256_file, sha256_text
+
+MANIFEST = "manifest.json"
+#: Files whose name starts like this hold wall times; they do not count as content.
+TIMING = "timing"
+#: Folder inside the work folder for a stage's checkpoints; it is removed at the end.
+WORK = "work"
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A stored result whose every file has been checked.
+
+    Attributes:
+        stage: Name of the stage.
+        key: SHA-256 of the recipe (stage, version, parameters, upstream).
+        path: Its folder.
+        manifest: What ``manifest.json`` says.
+        from_cache: False when this very process computed it.
+        notice: Lines on what a reader must know: the code or an upstream result has changed
+            since.  Empty when all is as it was.
+    """
+
+    stage: str
+    key: str
+    path: Path
+    manifest: dict[str, Any]
+    from_cache: bool
+    notice: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Folder name, e.g. ``expert-0a1b2c3d4e5f``."""
+        return f"{self.stage}-{self.key[:12]}"
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over its files except those with wall times."""
+        return str(self.manifest["digest"])
+
+    @property
+    def identity(self) -> str:
+        """What later stages depend on: its content or its recipe (:class:`Stage`)."""
+        return self.digest if get_stage(self.stage).by_content else self.key
+
+    @property
+    def wall_time_s(self) -> float:
+        """Seconds that its computation took, over all its sessions."""
+        return float(self.manifest["wall_time_s"])
+
+    def file(self, name: str) -> Path:
+        """Path of one of its files.
+
+        Raises:
+            ArtifactError: If the artifact has no such file; the message lists those it has.
+        """
+        if name not in self.manifest["files"]:
+            known = ", ".join(self.manifest["files"])
+            raise ArtifactError(f"artifact {self.name} has no file {name!r}: it has {known}")
+        return self.path / name
+
+
+def list_files(folder: Path) -> dict[str, dict[str, Any]]:
+    """SHA-256 and size in bytes of every file but hidden ones, checkpoints and the manifest."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        parts = path.relative_to(folder).parts
+        name = "/".join(parts)
+        skipped = parts[0] in (WORK, MANIFEST) or any(part.startswith(".") for part in parts)
+        if path.is_file() and not skipped:
+            found[name] = {"sha256": sha256_file(path), "bytes": path.stat().st_size}
+    return found
+
+
+def content_digest(files: dict[str, dict[str, Any]]) -> str:
+    """One SHA-256 for the content of all files except those with wall times."""
+    content = {n: f["sha256"] for n, f in files.items() if not Path(n).name.startswith(TIMING)}
+    return sha256_text(canonical_json(content))
+
+
+def seal(manifest: dict[str, Any]) -> str:
+    """SHA-256 of a manifest's own content, stored in it as ``seal``."""
+    return sha256_text(canonical_json({k: v for k, v in manifest.items() if k != "seal"}))
+
+
+def _damaged(folder: Path, what: str) -> ArtifactError:
+    stage = folder.name.rsplit("-", 1)[0]
+    if folder.is_relative_to(paths.ROOT):
+        folder = folder.relative_to(paths.ROOT)
+    return ArtifactError(
+        f"artifact {folder.as_posix()} is damaged: {what}; rebuild it with: "
+        f"make figures RECOMPUTE={stage}"
+    )
+
+
+def read_manifest(folder: Path, name: str = "") -> dict[str, Any]:
+    """Read a manifest and check that it is the one that was written.
+
+    Args:
+        folder: The artifact's folder.
+        name: Name that the manifest must give, if not the folder's.
+
+    Raises:
+        ArtifactError: If it is missing, unreadable, edited or belongs to another recipe.
+    """
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        sealed, key, expected = manifest["seal"], manifest["key"], recipe_key(manifest)
+    except FileNotFoundError:
+        raise _damaged(folder, f"{MANIFEST} is missing") from None
+    except (OSError, ValueError, KeyError, TypeError):
+        raise _damaged(folder, f"{MANIFEST} cannot be read") from None
+    if sealed != seal(manifest):
+        raise _damaged(folder, f"{MANIFEST} was edited")
+    if key != expected or (name or folder.name) != f"{manifest['stage']}-{key[:12]}":
+        raise _damaged(folder, f"{MANIFEST} belongs to {manifest['stage']}-{key[:12]}")
+    return manifest
+
+
+def check_files(folder: Path, manifest: dict[str, Any]) -> None:
+    """Compare every file with the manifest.
+
+    Raises:
+        ArtifactError: If a file is missing, changed, cut or not listed; it is named.
+    """
+    expected = manifest["files"]
+    for name, facts in expected.items():
+        path = folder / name
+        if not path.is_file():
+            raise _damaged(folder, f"{name} is missing")
+        size = path.stat().st_size
+        if size != facts["bytes"]:
+            raise _damaged(folder, f"{name} has {size} bytes, expected {facts['bytes']}")
+        if sha256_file(path) != facts["sha256"]:
+            raise _damaged(folder, f"{name} has another SHA-256 than when it was written")
+    extra = sorted(set(list_files(folder)) - set(expected))
+    if extra:
+        raise _damaged(folder, f"{extra[0]} is not in {MANIFEST}")
+
+
+def code_notice(manifest: dict[str, Any]) -> tuple[str, ...]:
+    """Name the source files that have changed since an artifact was made, if any."""
+    made, now = manifest["code"], code_fingerprint(get_stage(manifest["stage"]).modules)
+    changed = sorted(n for n in made.keys() | now.keys() if made.get(n) != now.get(n))
+    if not changed:
+        return ()
+    name = f"{manifest['stage']}-{manifest['key'][:12]}"
+    return (f"{name} was made by other code: {', '.join(changed)} changed since",)

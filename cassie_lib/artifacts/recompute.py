@@ -1,0 +1,87 @@
+"""Which stages a run was asked to compute anew.
+
+``CASSIE_RECOMPUTE`` is ``all`` or a comma-separated list of stages.  An artifact that was finished
+after the request was made is new, so each is computed once, whichever process meets it first, and
+a killed run that is started again goes on where it was.  ``CASSIE_RECOMPUTE_SINCE`` (Unix time,
+seconds) carries the moment of the request; the batch runner keeps it on disk until all is done.
+Without it the request dates from the moment that the process first asks.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+from cassie_lib import paths
+from cassie_lib.artifacts.stages import get_stage
+from cassie_lib.errors import ParameterError
+from cassie_lib.files import write_json
+
+REQUEST, SINCE = "CASSIE_RECOMPUTE", "CASSIE_RECOMPUTE_SINCE"
+_process_since: list[float] = []
+
+
+def requested_stages(text: str) -> frozenset[str]:
+    """Stages named in a request; ``{"all"}`` stands for every one.
+
+    Raises:
+        UnknownNameError: If one of them does not exist.
+    """
+    names = frozenset(name.strip() for name in text.split(",") if name.strip())
+    for name in names - {"all"}:
+        get_stage(name)
+    return names
+
+
+def recompute_since(stage: str) -> float:
+    """Unix time before which an artifact of a stage counts as old; 0 when none does.
+
+    Raises:
+        UnknownNameError: If ``CASSIE_RECOMPUTE`` names an unknown stage.
+        ParameterError: If ``CASSIE_RECOMPUTE_SINCE`` is not a number.
+    """
+    names = requested_stages(os.environ.get(REQUEST, ""))
+    if not names & {"all", stage}:
+        return 0.0
+    text = os.environ.get(SINCE)
+    if text is None:
+        if not _process_since:
+            _process_since.append(time.time())
+        return _process_since[0]
+    try:
+        return float(text)
+    except ValueError:
+        raise ParameterError(f"{SINCE} is {text!r}: expected seconds as a number") from None
+
+
+def request_file() -> Path:
+    """Where the batch runner keeps an unfinished request."""
+    return paths.CACHE / "recompute.json"
+
+
+def begin_request(text: str) -> float:
+    """Start a request, or go on with the same one when it was interrupted.
+
+    Returns:
+        Unix time of the request's start, for ``CASSIE_RECOMPUTE_SINCE``.
+
+    Raises:
+        UnknownNameError: If it names an unknown stage.
+    """
+    stages = sorted(requested_stages(text))
+    try:
+        found = json.loads(request_file().read_text(encoding="utf-8"))
+        if found["stages"] == stages:
+            return float(found["since"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    since = time.time()
+    write_json(request_file(), {"stages": stages, "since": since})
+    return since
+
+
+def end_request() -> None:
+    """Forget the request: all that it asked for has been computed."""
+    request_file().unlink(missing_ok=True)

@@ -1,0 +1,233 @@
+"""Load an artifact, or compute it in a way that survives being killed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from cassie_lib import paths
+from cassie_lib.artifacts.manifest import (
+    MANIFEST,
+    WORK,
+    Artifact,
+    check_files,
+    code_notice,
+    content_digest,
+    list_files,
+    read_manifest,
+    seal,
+)
+from cassie_lib.artifacts.recompute import recompute_since
+from cassie_lib.artifacts.stages import get_stage, recipe, recipe_key
+from cassie_lib.code_version import code_fingerprint, git_commit, library_versions, lock_hash
+from cassie_lib.errors import ArtifactError
+from cassie_lib.files import locked, write_json
+
+_SESSIONS = "sessions.json"
+
+
+def load_or_compute(
+    stage: str,
+    parameters: Any,
+    compute: Callable[[Path], None],
+    upstream: Iterable[Artifact] = (),
+    *,
+    preset: str = "",
+    seed: int | None = None,
+    kept: bool = False,
+) -> Artifact:
+    """Return the stored result of a recipe, computing it first when there is none.
+
+    The key is the SHA-256 of (stage, its version, canonical JSON of ``parameters``, identities
+    of ``upstream``).  It is looked for in the cache, then among the artifacts kept in git.
+
+    Args:
+        stage: A name in :data:`~cassie_lib.artifacts.stages.STAGES`.
+        parameters: Frozen dataclass, or a mapping or sequence of such: everything that decides
+            the result.
+        compute: Called with a folder and writes the result's files there.  The folder survives
+            a kill and is handed over again, so checkpoints put under ``folder / WORK`` let
+            it go on; that sub-folder is no part of the result.  Files named ``timing*`` do not
+            count as content.
+        upstream: Artifacts that the result is computed from.
+        preset: Name of the preset, for the record.
+        seed: For the record; by default ``parameters.seed`` if there is one.
+        kept: Also copy the result to ``data/`` for git; done for the ``laptop`` preset only.
+
+    Raises:
+        ArtifactError: If the stored result is damaged: it is neither used nor deleted.
+        UnknownNameError: If there is no such stage.
+        ParameterError: If a parameter is not finite or has no canonical form.
+    """
+    before = tuple(upstream)
+    wanted = recipe(stage, parameters, tuple(item.identity for item in before))
+    key = recipe_key(wanted)
+    since = recompute_since(stage)
+    artifact = _find(stage, key, since, before)
+    if artifact is None:
+        name = f"{stage}-{key[:12]}"
+        with locked(paths.CACHE / "locks" / f"{name}.lock", f"it computes {name}"):
+            artifact = _find(stage, key, since, before)
+            if artifact is None:
+                seed = getattr(parameters, "seed", None) if seed is None else seed
+                record = {**wanted, "key": key, "preset": preset, "seed": seed}
+                artifact = _compute(record, compute, before, fresh_code=since > 0)
+    if kept and preset == "laptop":
+        keep(artifact)
+    return artifact
+
+
+def _find(stage: str, key: str, since: float, upstream: tuple[Artifact, ...]) -> Artifact | None:
+    for place in (paths.CACHE, paths.DATA):
+        folder = place / f"{stage}-{key[:12]}"
+        if not folder.is_dir():
+            continue
+        # Asked to compute anew: an old result is passed over, damaged or not.
+        if since and not _finished_after(folder, since):
+            continue
+        return load(folder, upstream)
+    return None
+
+
+def _finished_after(folder: Path, since: float) -> bool:
+    try:
+        return float(read_manifest(folder)["finished_unix_s"]) >= since
+    except ArtifactError:
+        return False
+
+
+def load(folder: Path, upstream: tuple[Artifact, ...] = ()) -> Artifact:
+    """Load an artifact from its folder, checking every file.
+
+    Args:
+        folder: The artifact's folder.
+        upstream: What it was computed from, if at hand: other content than at the time is told
+            in the notice, as are the notices of these artifacts themselves.
+
+    Raises:
+        ArtifactError: If anything is missing or changed; the file is named.
+    """
+    manifest = read_manifest(folder)
+    check_files(folder, manifest)
+    notice = [*code_notice(manifest), *manifest["notice"]]
+    stage, key = manifest["stage"], manifest["key"]
+    for item in upstream:
+        if manifest["upstream_digests"].get(item.name, item.digest) != item.digest:
+            notice.append(f"{stage}-{key[:12]} was made from another copy of {item.name}")
+        notice.extend(item.notice)
+    return Artifact(stage, key, folder, manifest, True, tuple(dict.fromkeys(notice)))
+
+
+def _compute(
+    record: dict[str, Any],
+    compute: Callable[[Path], None],
+    upstream: tuple[Artifact, ...],
+    fresh_code: bool,
+) -> Artifact:
+    stage, key = record["stage"], record["key"]
+    final = paths.CACHE / f"{stage}-{key[:12]}"
+    work = final.with_name(f"{final.name}.partial")
+    if _is_finished(work, final.name):
+        # Killed between the manifest and the renaming: nothing is left to compute.
+        _move_into_place(work, final)
+        return load(final, upstream)
+    code = code_fingerprint(get_stage(stage).modules)
+    sessions = _open_sessions(work, code, fresh_code)
+    compute(work)
+    files = list_files(work)
+    if not files:
+        raise ArtifactError(f"stage {stage!r} wrote no file: expected at least one in {work.name}")
+    inherited = [line for item in upstream for line in item.notice]
+    mixed = any(past["code"] != code for past in sessions["past"])
+    resumed = [f"{final.name} was begun by other code and finished by this"] if mixed else []
+    manifest = {
+        **record,
+        "upstream_digests": {item.name: item.digest for item in upstream},
+        "wall_time_s": round(time.time() - sessions["start"] + sessions["before"], 1),
+        "finished_unix_s": time.time(),
+        "notice": list(dict.fromkeys([*resumed, *inherited])),
+        "code": code,
+        "commit": git_commit(),
+        "lock": lock_hash(),
+        "libraries": library_versions(),
+        "digest": content_digest(files),
+        "files": files,
+    }
+    manifest["seal"] = seal(manifest)
+    write_json(work / MANIFEST, manifest)
+    _move_into_place(work, final)
+    return Artifact(stage, key, final, manifest, False, tuple(manifest["notice"]))
+
+
+def _open_sessions(work: Path, code: dict[str, str], fresh_code: bool) -> dict[str, Any]:
+    """Note the start of this session in the work folder and add up those before it."""
+    note = work / WORK / _SESSIONS
+    try:
+        past = json.loads(note.read_text(encoding="utf-8"))
+        # A session that was killed lasted until its last write.
+        last = max(path.stat().st_mtime for path in work.rglob("*") if path.is_file())
+        if past:
+            past[-1]["seconds"] = max(0.0, last - past[-1]["start"])
+    except (OSError, ValueError, KeyError, TypeError):
+        past = []
+    # A request to compute anew does not go on from what other code has left.
+    if not past or (fresh_code and past[-1]["code"] != code):
+        shutil.rmtree(work, ignore_errors=True)
+        past = []
+    start = time.time()
+    write_json(note, [*past, {"start": start, "seconds": 0.0, "code": code}])
+    return {"start": start, "before": sum(item["seconds"] for item in past), "past": past}
+
+
+def _is_finished(work: Path, name: str) -> bool:
+    try:
+        check_files(work, read_manifest(work, name))
+    except ArtifactError:
+        return False
+    return True
+
+
+def _move_into_place(work: Path, final: Path) -> None:
+    shutil.rmtree(work / WORK, ignore_errors=True)
+    replaced = final.with_name(f"{final.name}.replaced.partial")
+    shutil.rmtree(replaced, ignore_errors=True)
+    if final.exists():
+        final.rename(replaced)
+    work.rename(final)
+    shutil.rmtree(replaced, ignore_errors=True)
+
+
+def keep(artifact: Artifact) -> Path:
+    """Copy an artifact to ``data/``, where git keeps it; returns the folder there."""
+    target = paths.DATA / artifact.name
+    if target == artifact.path:
+        return target
+    if target.is_dir() and _seal_of(target) == artifact.manifest["seal"]:
+        return target
+    copy = target.with_name(f"{target.name}.partial")
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(artifact.path, copy, ignore=shutil.ignore_patterns(".*"))
+    _move_into_place(copy, target)
+    return target
+
+
+def _seal_of(folder: Path) -> str:
+    try:
+        return str(read_manifest(folder)["seal"])
+    except ArtifactError:
+        return ""
+
+
+def stored(stage: str = "") -> list[Path]:
+    """Folders of all stored artifacts of a stage (or of all stages), cache first."""
+    names = [stage] if stage else None
+    found = []
+    for place in (paths.CACHE, paths.DATA):
+        for folder in sorted(place.glob("*-????????????")):
+            if folder.is_dir() and (names is None or folder.name.rsplit("-", 1)[0] in names):
+                found.append(folder)
+    return found

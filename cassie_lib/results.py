@@ -1,0 +1,193 @@
+"""``figures/results.json``: one record per claim, and the README's table made from it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from cassie_lib import paths
+from cassie_lib.code_version import git_commit, lock_hash
+from cassie_lib.errors import DataError, NonFiniteError, ParameterError, unknown_name
+from cassie_lib.files import locked, write_json, write_text
+from cassie_lib.presets import get_preset
+from cassie_lib.provenance import changed_parameters
+
+VERDICTS = ("reproduced", "better", "not reproduced", "not comparable")
+BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
+_CLAIM = re.compile(r"\d\d-[a-z0-9]+(-[a-z0-9]+)*")
+_HEADER = (
+    "| Thesis | Claim | Notebook | Command | Minutes here (cached / from nothing) "
+    "| Thesis's number | Ours [95 % interval] | Verdict |\n"
+    "|---|---|---|---|---|---|---|---|\n"
+)
+
+
+def results_file(preset: str) -> Path:
+    """Where the records of a preset are: in git for an unchanged ``laptop`` run only."""
+    return paths.figures_folder(preset, bool(changed_parameters())) / "results.json"
+
+
+def read_results(preset: str = "laptop") -> list[dict[str, Any]]:
+    """Records of a preset, sorted by claim; empty when there are none yet.
+
+    Raises:
+        DataError: If the file cannot be read.
+    """
+    file = results_file(preset)
+    if not file.exists():
+        return []
+    try:
+        records = json.loads(file.read_text(encoding="utf-8"))
+        return sorted(records, key=lambda record: record["id"])
+    except (ValueError, KeyError, TypeError):
+        raise DataError(f"{file.name} cannot be read: expected a JSON list of records") from None
+
+
+def record_result(
+    claim_id: str,
+    figure: str,
+    preset: str,
+    value: float | None,
+    interval: tuple[float, float] | None,
+    seeds: int,
+    protocol: str,
+    wall_time_s: float,
+    thesis_value: float | str | None,
+    verdict: str,
+    *,
+    claim: str = "",
+    unit: str = "",
+    reason: str = "",
+) -> dict[str, Any]:
+    """Write the record of one claim, replacing an older one of the same id.
+
+    Args:
+        claim_id: Number of the notebook and a name, e.g. ``"06-reward-per-step"``.
+        figure: Thesis figure or table, e.g. ``"Figure 5.6"``.
+        preset: Name of the preset that really ran.
+        value: Our number in ``unit``; None when there is none.
+        interval: Its 95 % interval, low and high.
+        seeds: Number of seeds behind it.
+        protocol: How it was measured, one line.
+        wall_time_s: Seconds that it takes from nothing.
+        thesis_value: The thesis's number, or text.
+        verdict: One of :data:`VERDICTS`.
+        claim: What is claimed, in a few words.
+        unit: Unit of all values.
+        reason: Why this verdict, a few words for the table.
+
+    Raises:
+        ParameterError: If the id has another form or the interval is not low and high.
+        NonFiniteError: If a number is not finite.
+        UnknownNameError: If the verdict or the preset is unknown.
+    """
+    if not _CLAIM.fullmatch(claim_id):
+        raise ParameterError(f"claim id is {claim_id!r}: expected a form like '06-reward'")
+    if verdict not in VERDICTS:
+        raise unknown_name("verdict", verdict, VERDICTS)
+    get_preset(preset)
+    numbers = [value, *(interval or ()), wall_time_s]
+    if any(n is not None and not abs(float(n)) < float("inf") for n in numbers):
+        raise NonFiniteError(f"result {claim_id} holds {numbers}: expected finite numbers")
+    if interval is not None and (len(interval) != 2 or interval[0] > interval[1]):
+        raise ParameterError(f"interval of {claim_id} is {interval}: expected (low, high)")
+    record = {
+        "id": claim_id,
+        "claim": claim,
+        "figure": figure,
+        "preset": preset,
+        "value": value,
+        "interval": interval,
+        "unit": unit,
+        "seeds": seeds,
+        "protocol": protocol,
+        "wall_time_s": round(float(wall_time_s), 1),
+        "thesis_value": thesis_value,
+        "verdict": verdict,
+        "reason": reason,
+        "commit": git_commit(),
+        "lock": lock_hash(),
+    }
+    with locked(paths.CACHE / "locks" / f"results-{preset}.lock", "it writes results.json"):
+        others = [item for item in read_results(preset) if item["id"] != claim_id]
+        write_json(results_file(preset), sorted([*others, record], key=lambda item: item["id"]))
+    return record
+
+
+def _notebook(number: str) -> str:
+    found = sorted(paths.NOTEBOOKS.glob(f"{number}_*.ipynb"))
+    if not found:
+        return number
+    # GitHub shows the executed copy with its pictures.
+    executed = paths.FIGURES / "executed" / found[0].name
+    shown = executed if executed.exists() else found[0]
+    return f"[{number}]({shown.relative_to(paths.ROOT).as_posix()})"
+
+
+def _cached_minutes(number: str) -> str:
+    for file in sorted((paths.FIGURES / "executed").glob(f"{number}_*.ipynb")):
+        book = json.loads(file.read_text(encoding="utf-8"))
+        duration = book["metadata"].get("papermill", {}).get("duration")
+        if duration:
+            return f"{duration / 60:.1f}"
+    return "–"
+
+
+def _number(value: Any, unit: str = "") -> str:
+    if value is None:
+        return "–"
+    text = value if isinstance(value, str) else f"{value:.3g}"
+    return f"{text} {unit}" if unit and not isinstance(value, str) else text
+
+
+def _row(record: dict[str, Any]) -> str:
+    number, unit = record["id"][:2], record["unit"]
+    ours = _number(record["value"], unit)
+    if record["interval"]:
+        low, high = record["interval"]
+        ours += f" [{low:.3g}, {high:.3g}]"
+    if record["seeds"] > 1:
+        ours += f", {record['seeds']} seeds"
+    verdict = f"**{record['verdict']}**" + (f": {record['reason']}" if record["reason"] else "")
+    cells = [
+        record["figure"],
+        record["claim"] or record["id"][3:].replace("-", " "),
+        _notebook(number),
+        f"`make figures ONLY={number}`",
+        f"{_cached_minutes(number)} / {record['wall_time_s'] / 60:.1f}",
+        _number(record["thesis_value"], unit),
+        ours,
+        verdict,
+    ]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+
+
+def results_table() -> str:
+    """Markdown table of the ``laptop`` records.
+
+    Raises:
+        DataError: If ``figures/results.json`` cannot be read.
+    """
+    records = read_results("laptop")
+    if not records:
+        return "No results yet: `make figures` writes them.\n"
+    return _HEADER + "".join(_row(record) for record in records)
+
+
+def update_readme() -> bool:
+    """Rewrite the README's results table; returns whether anything changed.
+
+    Raises:
+        DataError: If the README lacks the two marks or ``results.json`` cannot be read.
+    """
+    text = paths.README.read_text(encoding="utf-8")
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise DataError(f"{paths.README.name} lacks a mark: expected {BEGIN} and then {END}")
+    updated = f"{before}{BEGIN}\n\n{results_table()}\n{END}{after}"
+    if updated != text:
+        write_text(paths.README, updated)
+    return updated != text

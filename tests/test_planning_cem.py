@@ -1,0 +1,305 @@
+"""CEM and Gradient-CEM on dynamics whose best plan is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from planning_toys import (
+    CONTEXT,
+    DoubleIntegrator,
+    Spoiled,
+    best_sequence,
+    cem_parameters,
+    gradient_parameters,
+    history,
+    quadratic_reward,
+)
+
+from cassie_lib.errors import (
+    NonFiniteError,
+    ParameterError,
+    SchemaError,
+    ShapeError,
+    UnknownNameError,
+)
+from cassie_lib.planning.cem import CEM, Candidates, Scorer
+from cassie_lib.planning.gradient_cem import GradientCEM, momentum_step, normalise
+from cassie_lib.planning.objective import Objective
+from cassie_lib.planning.sampling import shift
+
+
+def planner(parameters, model=None, cycle=None, **options):
+    kind = GradientCEM if hasattr(parameters, "momentum") else CEM
+    objective = Objective(model or DoubleIntegrator(), quadratic_reward, discount=0.9, **options)
+    return kind(objective, parameters, cycle)
+
+
+def solve(parameters, episodes=1, seeds=None, **options):
+    made = planner(parameters, **options)
+    made.reset(seeds or list(range(episodes)))
+    return made.plan(history(episodes), np.zeros(episodes, int), np.zeros(episodes))
+
+
+def gap(plan, horizon=4):
+    """Return lost against the exact optimum, as a share of what doing nothing loses."""
+    model, start = DoubleIntegrator(), history(1)
+    score = Objective(model, quadratic_reward, 0.9).bind(
+        start, torch.zeros(1, dtype=torch.long), torch.zeros(1)
+    )
+    best = best_sequence(model, start, horizon, 0.9).float().view(1, 1, horizon, 10)
+    assert best.abs().max() < 0.5, "the optimum must lie inside the bounds"
+    optimum, nothing = score(best).value.item(), score(torch.zeros_like(best)).value.item()
+    return (optimum - plan.imagined_return.item()) / (optimum - nothing)
+
+
+def test_cem_approaches_the_linear_quadratic_optimum():
+    few, diagonal, full = (
+        gap(solve(cem_parameters(samples=1500, elites=150, iterations=c, covariance=covariance)))
+        for c, covariance in ((2, "diagonal"), (20, "diagonal"), (20, "full"))
+    )
+    # Actions of neighbouring steps trade off: the full covariance learns that, the diagonal not.
+    assert 0 <= full < 0.01 < diagonal < 0.2 < few
+
+
+def test_gradient_cem_beats_cem_with_the_same_rollouts():
+    gradient = solve(gradient_parameters())
+    plain = solve(cem_parameters(samples=gradient.rollouts // 3, elites=8, iterations=2))
+    assert plain.rollouts >= gradient.rollouts - 3
+    assert 0 <= gap(gradient) < 0.05
+    assert gap(gradient) < 0.3 * gap(plain)
+
+
+def test_gradients_on_all_samples_are_at_least_as_good():
+    elites = solve(gradient_parameters(iterations=1))
+    everything = solve(gradient_parameters(iterations=1, gradient_on_all=True))
+    assert gap(everything) < gap(elites) + 0.02
+    assert everything.rollouts > elites.rollouts
+
+
+def test_gradient_is_autograds_and_ascends():
+    made = planner(gradient_parameters())
+    start, phase = history(2), torch.zeros(2, dtype=torch.long)
+    scorer = Scorer(made.objective, start, phase, torch.zeros(2))
+    actions = 0.1 * torch.randn(2, 3, 4, 10, generator=torch.Generator().manual_seed(1))
+    found = made._gradient(scorer, actions)
+    step, direction = 1e-3, torch.randn(actions.shape, generator=torch.Generator().manual_seed(2))
+    upper, lower = (scorer(actions + sign * step * direction).value for sign in (1, -1))
+    expected = -(upper - lower) / (2 * step)
+    torch.testing.assert_close((found * direction).sum((2, 3)), expected, rtol=2e-2, atol=2e-2)
+    assert (scorer(actions - 1e-3 * found).value > scorer(actions).value).all()
+
+
+def test_momentum_step_is_torch_sgd():
+    target = torch.randn(2, 3, 4, 10, generator=torch.Generator().manual_seed(3))
+    parameter = torch.nn.Parameter(torch.zeros_like(target))
+    optimiser = torch.optim.SGD([parameter], lr=7e-2, momentum=0.8)
+    actions, velocity = torch.zeros_like(target), torch.zeros_like(target)
+    for _ in range(7):
+        optimiser.zero_grad()
+        (parameter - target).pow(2).sum().backward()
+        optimiser.step()
+        gradient = 2 * (actions - target)
+        actions, velocity = momentum_step(actions, velocity, gradient, 7e-2, 0.8)
+    torch.testing.assert_close(actions, parameter.detach())
+
+
+def test_normalised_gradient_has_unit_norm_or_is_zero():
+    gradient = torch.randn(1, 3, 4, 10) * torch.tensor([1e-6, 0.0, 1e6]).view(1, 3, 1, 1)
+    norm = normalise(gradient).flatten(2).norm(dim=-1)[0]
+    assert norm.tolist() == pytest.approx([1.0, 0.0, 1.0], abs=1e-5)
+
+
+@pytest.mark.parametrize("make", [cem_parameters, gradient_parameters])
+def test_batch_of_episodes_is_single_plans(make):
+    options = {"mean": "warm", "elite_reuse": 0.5, "noise_colour": 1.0, "include_mean": True}
+    together = planner(make(**options))
+    together.reset([5, 6, 7])
+    alone = planner(make(**options))
+    alone.reset([6])
+    whole = history(3)
+    part = history(3)._replace(states=whole.states[1:2], actions=whole.actions[1:2])
+    for _ in range(2):
+        many = together.plan(whole, np.zeros(3, int), np.zeros(3))
+        one = alone.plan(part, np.zeros(1, int), np.zeros(1))
+        torch.testing.assert_close(many.actions[1:2], one.actions, rtol=1e-4, atol=1e-5)
+    assert not torch.allclose(many.actions[0], many.actions[1])
+
+
+def test_planning_a_part_of_the_episodes_keeps_the_others_memory():
+    options = {"mean": "warm", "elite_reuse": 0.3}
+    one, other = planner(cem_parameters(**options)), planner(cem_parameters(**options))
+    full = history(3)
+    part = full._replace(states=full.states[[0, 2]], actions=full.actions[[0, 2]])
+    for made in (one, other):
+        made.reset([1, 2, 3])
+        made.plan(full, np.zeros(3, int), np.zeros(3))
+    a = one.plan(full, np.zeros(3, int), np.zeros(3))
+    b = other.plan(part, np.zeros(2, int), np.zeros(2), episodes=[0, 2])
+    torch.testing.assert_close(a.actions[[0, 2]], b.actions)
+
+
+@pytest.mark.parametrize("make", [cem_parameters, gradient_parameters])
+def test_same_seed_same_plan(make):
+    one, same, other = (solve(make(), seeds=[seed]) for seed in (4, 4, 5))
+    assert torch.equal(one.actions, same.actions)
+    assert not torch.equal(one.actions, other.actions)
+
+
+@pytest.mark.parametrize("make", [cem_parameters, gradient_parameters])
+@pytest.mark.parametrize("covariance", ["diagonal", "full"])
+def test_bounds_hold_and_bind(make, covariance):
+    asked = []
+
+    class Watched(DoubleIntegrator):
+        def predict(self, history, actions):
+            asked.append((actions.min().item(), actions.max().item()))
+            return super().predict(history, actions)
+
+    parameters = make(lower_rad=-0.02, upper_rad=0.01, covariance=covariance)
+    plan = solve(parameters, model=Watched())
+    eps = 1e-7
+    assert min(low for low, _ in asked) >= -0.02 - eps
+    assert max(high for _, high in asked) <= 0.01 + eps
+    assert plan.actions.max() > 0.005
+    assert plan.actions.min() < -0.015
+
+
+def test_every_sample_an_elite():
+    plan = solve(cem_parameters(samples=8, elites=8))
+    assert torch.isfinite(plan.actions).all()
+    assert torch.isfinite(solve(cem_parameters(samples=1, elites=1)).actions).all()
+
+
+def test_best_seen_sequence_is_kept():
+    kept = solve(cem_parameters(keep_best=True))
+    assert kept.imagined_return == kept.best_by_round.max()
+    last = solve(cem_parameters(keep_best=False))
+    assert last.imagined_return == last.best_by_round[-1]
+    with_gradient = solve(gradient_parameters(keep_best=True, iterations=1, std_floor_rad=0.1))
+    # The optimised elites themselves, not just what was sampled, are remembered.
+    assert with_gradient.imagined_return > with_gradient.best_by_round.max()
+
+
+def test_imagined_return_and_states_are_those_of_the_plan():
+    plan = solve(gradient_parameters(keep_best=True), episodes=2)
+    model = DoubleIntegrator()
+    states = model.predict(history(2), plan.actions[:, None])
+    torch.testing.assert_close(plan.states, states[:, 0])
+    discount = 0.9 ** torch.arange(1, 5)
+    value = (quadratic_reward(states, None, None)[:, 0] * discount).sum(-1)
+    torch.testing.assert_close(plan.imagined_return, value)
+
+
+def test_warm_start_moves_the_last_plan_on():
+    made = planner(cem_parameters(mean="warm", variance=(0.0,) * 10, std_floor_rad=0.0))
+    made.reset([0])
+    made._last[:] = 0.01 * torch.arange(4.0).view(1, 4, 1)
+    previous = made._last.clone()
+    plan = made.plan(history(), [0], [0.0])
+    # Without variance the mean is all there is.
+    torch.testing.assert_close(plan.actions, shift(previous))
+    made.forget([0])
+    assert torch.equal(made.plan(history(), [0], [0.0]).actions, torch.zeros(1, 4, 10))
+
+
+def test_expert_mean_is_the_cycle_at_its_phase():
+    cycle = 0.01 * torch.arange(28.0)[:, None].expand(28, 10)
+    made = planner(
+        cem_parameters(mean="expert", variance=(0.0,) * 10, std_floor_rad=0.0), cycle=cycle
+    )
+    made.reset([0, 1])
+    plan = made.plan(history(2), [26, 3], [0.0, 0.0])
+    assert plan.actions[:, :, 0].numpy() * 100 == pytest.approx(
+        np.array([[26, 27, 0, 1], [3, 4, 5, 6]]), abs=1e-4
+    )
+
+
+def test_spoiled_candidates_score_worst_and_are_counted():
+    plan = solve(cem_parameters(variance=(0.04,) * 10), model=Spoiled(0.05))
+    assert plan.non_finite.item() > 0
+    assert plan.actions[0, 0, 0] <= 0.05
+    assert torch.isfinite(plan.imagined_return).all()
+
+
+def test_gradient_survives_a_spoiled_candidate():
+    # Steep steps push elites over the threshold; the rest must go on.
+    parameters = gradient_parameters(learning_rate=0.5, keep_best=True, samples=32)
+    plan = solve(parameters, model=Spoiled(0.02))
+    assert plan.non_finite.item() > 0
+    assert torch.isfinite(plan.actions).all()
+    assert plan.actions[0, 0, 0] <= 0.02
+
+
+def test_fewer_finite_candidates_than_elites():
+    value = torch.tensor([[float("-inf"), 1.0, float("-inf"), 2.0]])
+    actions = torch.arange(4.0).view(1, 4, 1, 1).expand(1, 4, 2, 10)
+    top = Candidates(actions, value, torch.zeros(1, 4, 2, 49)).top(3)
+    assert top.actions[0, :, 0, 0].tolist() == [3.0, 1.0, 3.0]
+
+
+def test_no_finite_candidate_is_an_error_that_names_the_episode():
+    with pytest.raises(NonFiniteError, match=r"episodes \[0, 1\]"):
+        solve(cem_parameters(), episodes=2, model=Spoiled(-1.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"elites": 65}, ParameterError, "elites is 65"),
+        ({"elites": 0}, ParameterError, "elites is 0"),
+        ({"iterations": 0}, ParameterError, "iterations is 0"),
+        ({"horizon": 0}, ParameterError, "horizon is 0"),
+        ({"lower_rad": 0.5, "upper_rad": -0.5}, ParameterError, "lower < upper"),
+        ({"lower_rad": float("nan")}, ParameterError, "bounds"),
+        ({"elite_reuse": 1.5}, ParameterError, "elite_reuse is 1.5"),
+        ({"std_floor_rad": -0.1}, ParameterError, "std_floor_rad"),
+        ({"variance": (0.01,) * 9}, ShapeError, "9 values"),
+        ({"mean": "last"}, UnknownNameError, "planner mean 'last'"),
+        ({"covariance": "banded"}, UnknownNameError, "covariance 'banded'"),
+        ({"warm_fill": "mirror"}, UnknownNameError, "warm fill 'mirror'"),
+        ({"mean": "expert"}, ParameterError, "action_cycle"),
+    ],
+)
+def test_contradicting_settings_are_refused(changes, error, message):
+    with pytest.raises(error, match=message):
+        planner(cem_parameters(**changes))
+
+
+@pytest.mark.parametrize(
+    "changes", [{"gradient_iterations": 0}, {"learning_rate": 0.0}, {"momentum": 1.0}]
+)
+def test_bad_gradient_settings_are_refused(changes):
+    with pytest.raises(ParameterError, match=next(iter(changes))):
+        planner(gradient_parameters(**changes))
+
+
+def test_cycle_of_another_length_is_refused():
+    with pytest.raises(ShapeError, match="action_cycle"):
+        planner(cem_parameters(mean="expert"), cycle=np.zeros((27, 10)))
+    with pytest.raises(NonFiniteError, match="action_cycle"):
+        planner(cem_parameters(mean="expert"), cycle=np.full((28, 10), np.nan))
+
+
+def test_history_of_another_schema_or_context_is_refused():
+    made = planner(cem_parameters())
+    start = history()
+    with pytest.raises(SchemaError, match="expected the 3"):
+        made.plan(history(context=CONTEXT - 1), [0], [0.0])
+    with pytest.raises(SchemaError, match="49"):
+        made.plan(start._replace(states=start.states[..., :40]), [0], [0.0])
+    with pytest.raises(ShapeError, match="history actions"):
+        made.plan(start._replace(actions=torch.zeros(1, 5, 10)), [0], [0.0])
+    with pytest.raises(ShapeError, match="phase"):
+        made.plan(start, [0, 1], [0.0])
+    with pytest.raises(ShapeError, match="as reset"):
+        made.plan(history(2), [0, 1], [0.0, 0.0])
+
+
+def test_model_of_another_schema_is_refused():
+    class Other(DoubleIntegrator):
+        def predict(self, history, actions):
+            return super().predict(history, actions)[..., :40]
+
+    with pytest.raises(SchemaError, match="predicts"):
+        solve(cem_parameters(), model=Other())

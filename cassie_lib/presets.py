@@ -153,7 +153,11 @@ class CEMParameters:
     mean: str = "zero"  # zero | warm | expert
     covariance: str = "diagonal"  # diagonal | full
     keep_best: bool = False
-    bound_rad: float = 0.5
+    include_mean: bool = False  # the mean itself is a candidate of every round
+    warm_fill: str = "repeat"  # repeat | zero: last action of a plan that was moved on
+    lower_rad: float = -0.5
+    upper_rad: float = 0.5
+    std_floor_rad: float = 1e-3
     noise_colour: float = 0.0  # exponent of the power spectrum over the horizon (iCEM)
     elite_reuse: float = 0.0  # share of elites carried to the next iteration (iCEM)
     terminal_value: bool = False
@@ -256,10 +260,11 @@ def _laptop() -> Preset:
             encoder_layers=2, decoder_layers=2, epochs=300, windows_per_epoch=8192,
             scheduler_patience=20, patience=15, max_minutes=60.0,
         ),
-        cem=CEMParameters(samples=256, elites=32, iterations=4, mean="warm", keep_best=True),
+        cem=CEMParameters(samples=256, elites=32, iterations=4, mean="warm", keep_best=True,
+                          include_mean=True),
         gradient_cem=GradientCEMParameters(
             samples=32, elites=8, iterations=1, gradient_iterations=12, learning_rate=0.03,
-            mean="warm", keep_best=True, normalise_gradient=True,
+            mean="warm", keep_best=True, include_mean=True, normalise_gradient=True,
         ),
         dagger=DAggerParameters(transitions=20_000, schedule=(1, 2, 9, 18, 27),
                                 minutes_per_round=15.0),

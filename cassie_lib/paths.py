@@ -45,3 +45,8 @@ def executed_folder(preset: str, changed: bool = False) -> Path:
     if preset == "laptop" and not changed:
         return FIGURES / "executed"
     return CACHE / f"{preset}{'-changed' if changed else ''}-executed"
+
+
+def gallery_folder(preset: str) -> Path:
+    """Folder of the HTML gallery of a preset's executed notebooks."""
+    return figures_folder(preset) / "gallery"

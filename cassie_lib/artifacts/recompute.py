@@ -56,13 +56,17 @@ def recompute_since(stage: str) -> float:
         raise ParameterError(f"{SINCE} is {text!r}: expected seconds as a number") from None
 
 
-def request_file() -> Path:
-    """Where the batch runner keeps an unfinished request."""
-    return paths.CACHE / "recompute.json"
+def request_file(preset: str) -> Path:
+    """Where the batch runner keeps the unfinished request of a preset."""
+    return paths.CACHE / f"recompute-{preset}.json"
 
 
-def begin_request(text: str) -> float:
+def begin_request(text: str, preset: str) -> float:
     """Start a request, or go on with the same one when it was interrupted.
+
+    Args:
+        text: ``all`` or stages separated by commas.
+        preset: Name of the preset.
 
     Returns:
         Unix time of the request's start, for ``CASSIE_RECOMPUTE_SINCE``.
@@ -72,16 +76,16 @@ def begin_request(text: str) -> float:
     """
     stages = sorted(requested_stages(text))
     try:
-        found = json.loads(request_file().read_text(encoding="utf-8"))
+        found = json.loads(request_file(preset).read_text(encoding="utf-8"))
         if found["stages"] == stages:
             return float(found["since"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
     since = time.time()
-    write_json(request_file(), {"stages": stages, "since": since})
+    write_json(request_file(preset), {"stages": stages, "since": since})
     return since
 
 
-def end_request() -> None:
+def end_request(preset: str) -> None:
     """Forget the request: all that it asked for has been computed."""
-    request_file().unlink(missing_ok=True)
+    request_file(preset).unlink(missing_ok=True)

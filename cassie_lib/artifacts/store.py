@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -27,6 +28,8 @@ from cassie_lib.code_version import code_fingerprint, git_commit, library_versio
 from cassie_lib.errors import ArtifactError
 from cassie_lib.files import locked, write_json
 
+#: Names a file to which the batch runner wants every artifact noted that a notebook uses.
+USED = "CASSIE_ARTIFACT_LOG"
 _SESSIONS = "sessions.json"
 
 
@@ -78,6 +81,9 @@ def load_or_compute(
                 artifact = _compute(record, compute, before, fresh_code=since > 0)
     if kept and preset == "laptop":
         keep(artifact)
+    if os.environ.get(USED):
+        with open(os.environ[USED], "a", encoding="utf-8") as file:
+            file.write(f"{artifact.name} {artifact.digest}\n")
     return artifact
 
 

@@ -1,0 +1,275 @@
+"""Recurrent PPO for the expert pi* (thesis section 4.3.1), readable from top to bottom.
+
+One update: every robot acts for ``rollout_steps`` control steps; advantages by GAE; the rollout
+is cut into sequences of ``sequence_steps`` whose first LSTM memories were stored on the way;
+clipped policy gradients through each sequence, the memory cleared where an episode starts.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cassie_lib.checkpoints import load_checkpoint, save_checkpoint
+from cassie_lib.errors import ParameterError, TrainingError
+from cassie_lib.expert.policy import ExpertPolicy
+from cassie_lib.expert.task import WalkingTask
+from cassie_lib.expert.training_state import capture, reinstate
+from cassie_lib.logs import CsvLog, Progress
+from cassie_lib.presets import ExpertParameters
+from cassie_lib.robot.schema import ACTION_SIZE
+
+_CHECKPOINT = "checkpoint.pt"
+#: Critic outputs are in units of this reward, so that values stay of order one.
+_VALUE_SCALE = 10.0
+
+
+@dataclass
+class Rollout:
+    """What the robots saw and did in one update; time first, robots second.
+
+    Attributes:
+        inputs: Normalised states ``(T, N, 49)``.
+        actions: ``(T, N, 10)`` rad.
+        log_probability: Of the actions when taken, ``(T, N)``.
+        values: Critic, ``(T, N)``.
+        rewards: Training reward, ``(T, N)``; at a time limit the value of what would have come.
+        starts: 1 where an episode starts, ``(T, N)``.
+        ends: 1 where it ends after the step, ``(T, N)``.
+        memories: Actor and critic memories at the start of each sequence.
+        last_value: Critic after the last step, ``(N,)``.
+    """
+
+    inputs: Tensor
+    actions: Tensor
+    log_probability: Tensor
+    values: Tensor
+    rewards: Tensor
+    starts: Tensor
+    ends: Tensor
+    memories: list[tuple[Tensor, Tensor]] = field(default_factory=list)
+    last_value: Tensor | None = None
+
+
+def generalised_advantages(rewards: Tensor, values: Tensor, last_value: Tensor, ends: Tensor,
+                           discount: float, gae_lambda: float) -> Tensor:
+    """GAE(lambda) over a rollout.
+
+    Args:
+        rewards: ``(T, N)``.
+        values: ``(T, N)``.
+        last_value: ``(N,)``, value of the state after the rollout.
+        ends: ``(T, N)``, 1 where nothing follows.
+        discount: Discount factor per control step.
+        gae_lambda: Trade-off between bias (0) and variance (1).
+
+    Returns:
+        Advantages ``(T, N)``.
+    """
+    advantages, following, value = torch.zeros_like(rewards), 0.0, last_value
+    for step in reversed(range(len(rewards))):
+        alive = 1.0 - ends[step]
+        delta = rewards[step] + discount * alive * value - values[step]
+        following = delta + discount * gae_lambda * alive * following
+        advantages[step], value = following, values[step]
+    return advantages
+
+
+class RecurrentPPO:
+    """Trains an :class:`ExpertPolicy` on a :class:`WalkingTask`; resumes exactly."""
+
+    def __init__(self, parameters: ExpertParameters, timestep_s: float) -> None:
+        """Prepare a run from its seed.
+
+        Args:
+            parameters: All hyper-parameters.
+            timestep_s: Physics step of training, s.
+
+        Raises:
+            ParameterError: If the rollout is not a whole number of sequences.
+        """
+        p = parameters
+        if p.rollout_steps % p.sequence_steps:
+            raise ParameterError(
+                f"rollout_steps = {p.rollout_steps}: expected a multiple of sequence_steps = "
+                f"{p.sequence_steps}"
+            )
+        self.parameters, self.timestep_s = p, timestep_s
+        torch.manual_seed(p.seed)
+        self.generator = torch.Generator().manual_seed(p.seed)
+        self.policy = ExpertPolicy(p.hidden_size, p.layers)
+        self.optimiser = torch.optim.Adam(self.policy.parameters(), lr=p.learning_rate, eps=1e-5)
+        self.task = WalkingTask(p, timestep_s, np.random.default_rng(p.seed))
+        self.memory = self.policy.initial_memory(p.robots)
+        self.starts = torch.ones(p.robots)
+        self.steps, self.seconds, self.input_count = 0, 0.0, 0.0
+
+    @property
+    def identity(self) -> str:
+        """What must agree for a checkpoint to be resumed."""
+        return f"expert {self.parameters} timestep_s={self.timestep_s}"
+
+    def train(self, folder: Path, progress: bool = True) -> ExpertPolicy:
+        """Train to the end, or resume where a killed run stopped.
+
+        Args:
+            folder: Where the checkpoint and ``log.csv`` live.
+            progress: Whether to print a line with the time left now and then.
+
+        Returns:
+            The trained policy.
+
+        Raises:
+            TrainingError: On a loss that is not finite; the last good checkpoint stays.
+            CheckpointError: If the folder holds a checkpoint of another run.
+        """
+        p, path = self.parameters, folder / _CHECKPOINT
+        stored = load_checkpoint(path, self.identity)
+        if stored is not None:
+            reinstate(self, stored)
+        log = CsvLog(folder / "log.csv", seed=p.seed, resume_step=self.steps)
+        meter = Progress("expert", p.total_steps, self.steps, quiet=not progress)
+        saved = began = time.monotonic()
+        while self.steps < p.total_steps:
+            before = self.seconds
+            measures = self._update()
+            self.seconds = before + time.monotonic() - began
+            began = time.monotonic()
+            log.write(self.steps, self.seconds, measures)
+            meter.update(self.steps, measures)
+            if began - saved > p.checkpoint_seconds or self.steps >= p.total_steps:
+                save_checkpoint(path, capture(self), self.identity)
+                saved = time.monotonic()
+        return self.policy
+
+    def _update(self) -> dict[str, float]:
+        p = self.parameters
+        done = self.steps / p.total_steps
+        # Pushes grow once the robots walk; the learning rate falls to a tenth.
+        self.task.push_limit = p.push_limit_Ns * float(np.clip((done - 0.25) / 0.35, 0.0, 1.0))
+        for group in self.optimiser.param_groups:
+            group["lr"] = p.learning_rate * (1.0 - 0.9 * done)
+        rollout, measures = self._collect()
+        self.steps += p.rollout_steps * p.robots
+        measures.update(self._improve(rollout))
+        return measures
+
+    @torch.no_grad()
+    def _collect(self) -> tuple[Rollout, dict[str, float]]:
+        p, task, policy = self.parameters, self.task, self.policy
+        rows: dict[str, list[Tensor]] = {name: [] for name in (
+            "inputs", "actions", "log_probability", "values", "rewards", "starts", "ends")}
+        memories, totals = [], {"reward": 0.0, "plain_reward": 0.0, "falls": 0.0}
+        states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
+        if self.steps < p.total_steps // 2:
+            self._learn_statistics(states)
+        for step in range(p.rollout_steps):
+            if step % p.sequence_steps == 0:
+                memories.append(self.memory)
+            inputs = policy.normalise(states).unsqueeze(0)
+            starts = self.starts.unsqueeze(0)
+            mean, actor = policy.actor(inputs, self.memory[0], starts)
+            value, critic = policy.critic(inputs, self.memory[1], starts)
+            self.memory = (actor, critic)
+            noise = torch.randn(p.robots, ACTION_SIZE, generator=self.generator)
+            action = mean[0] + p.action_std_rad * noise
+            reward, plain, failed, expired = task.step(action.double().numpy())
+            reward = torch.as_tensor(reward / _VALUE_SCALE, dtype=torch.float32)
+            states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
+            if expired.any():
+                # A time limit is no failure: add what the critic expects from there on.
+                beyond, _ = policy.critic(policy.normalise(states).unsqueeze(0), critic,
+                                          torch.zeros(1, p.robots))
+                reward = reward + p.discount * beyond[0, :, 0] * torch.as_tensor(
+                    expired, dtype=torch.float32)
+            ends = torch.as_tensor(failed | expired, dtype=torch.float32)
+            for name, item in zip(rows, (inputs[0], action, self._log_probability(action, mean[0]),
+                                         value[0, :, 0], reward, self.starts, ends), strict=True):
+                rows[name].append(item)
+            totals["reward"] += float(reward.mean()) * _VALUE_SCALE
+            totals["plain_reward"] += float(plain.mean())
+            totals["falls"] += float(failed.mean())
+            if (failed | expired).any():
+                task.restart(failed | expired)
+                states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
+            self.starts = ends
+        last, _ = policy.critic(policy.normalise(states).unsqueeze(0), self.memory[1],
+                                self.starts.unsqueeze(0))
+        stacked = {name: torch.stack(items) for name, items in rows.items()}
+        rollout = Rollout(**stacked, memories=memories, last_value=last[0, :, 0])
+        return rollout, {name: total / p.rollout_steps for name, total in totals.items()}
+
+    def _log_probability(self, actions: Tensor, mean: Tensor) -> Tensor:
+        """Gaussian log density up to a constant, which cancels in every ratio."""
+        return -0.5 * (((actions - mean) / self.parameters.action_std_rad) ** 2).sum(-1)
+
+    def _learn_statistics(self, states: Tensor) -> None:
+        """Running mean and standard deviation of the inputs (Welford, batched)."""
+        policy, count = self.policy, float(len(states))
+        total = self.input_count + count
+        mean, shift = states.mean(0), states.mean(0) - policy.input_mean
+        old = policy.input_std**2 * self.input_count
+        spread = old + states.var(0, unbiased=False) * count
+        spread = spread + shift**2 * self.input_count * count / total
+        policy.input_mean += shift * (count / total)
+        policy.input_std.copy_((spread / total).sqrt().clamp_min(1e-2))
+        self.input_count = total
+        del mean
+
+    def _improve(self, rollout: Rollout) -> dict[str, float]:
+        p = self.parameters
+        advantages = generalised_advantages(rollout.rewards, rollout.values, rollout.last_value,
+                                            rollout.ends, p.discount, p.gae_lambda)
+        targets = advantages + rollout.values
+        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        sequences = [(begin, robot) for begin in range(0, p.rollout_steps, p.sequence_steps)
+                     for robot in range(p.robots)]
+        order = torch.tensor(sequences)
+        sums = {"policy_loss": 0.0, "value_loss": 0.0, "kl": 0.0}
+        batches = 0
+        for _ in range(p.epochs):
+            shuffled = order[torch.randperm(len(order), generator=self.generator)]
+            for chosen in shuffled.chunk(p.minibatches):
+                losses = self._minibatch(rollout, advantages, targets, chosen)
+                batches += 1
+                for name in sums:
+                    sums[name] += losses[name]
+            if losses["kl"] > 1.5 * p.target_kl:
+                break  # the data are used up: the policy has moved far enough from them
+        return {name: total / batches for name, total in sums.items()}
+
+    def _minibatch(self, rollout: Rollout, advantages: Tensor, targets: Tensor,
+                   chosen: Tensor) -> dict[str, float]:
+        p, policy = self.parameters, self.policy
+        rows = chosen[:, 0] + torch.arange(p.sequence_steps).unsqueeze(1)
+        columns = chosen[:, 1].expand_as(rows)
+        which = (chosen[:, 0] // p.sequence_steps).tolist()
+        robots = chosen[:, 1].tolist()
+        memory = [torch.stack([rollout.memories[s][net][:, :, r] for s, r in
+                               zip(which, robots, strict=True)], dim=2) for net in (0, 1)]
+        inputs, starts = rollout.inputs[rows, columns], rollout.starts[rows, columns]
+        mean, _ = policy.actor(inputs, memory[0], starts)
+        value, _ = policy.critic(inputs, memory[1], starts)
+        log_ratio = (self._log_probability(rollout.actions[rows, columns], mean)
+                     - rollout.log_probability[rows, columns])
+        ratio, advantage = log_ratio.exp(), advantages[rows, columns]
+        clipped = ratio.clamp(1.0 - p.clip, 1.0 + p.clip)
+        policy_loss = -torch.min(ratio * advantage, clipped * advantage).mean()
+        value_loss = (value.squeeze(-1) - targets[rows, columns]).pow(2).mean()
+        loss = policy_loss + 0.5 * value_loss
+        if not torch.isfinite(loss):
+            raise TrainingError(
+                f"loss is {float(loss)} at step {self.steps}: expected a finite loss; the last "
+                "good checkpoint is kept"
+            )
+        self.optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(policy.parameters(), p.max_gradient_norm)
+        self.optimiser.step()
+        kl = (ratio - 1.0 - log_ratio).mean().item()
+        return {"policy_loss": policy_loss.item(), "value_loss": value_loss.item(), "kl": kl}

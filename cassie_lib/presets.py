@@ -34,14 +34,18 @@ class ExpertParameters:
     epochs: int = 3
     minibatches: int = 4
     sequence_steps: int = 28  # truncation of back-propagation through time
-    learning_rate: float = 5e-4
-    discount: float = 0.96
+    learning_rate: float = 1e-3
+    discount: float = 0.97
     gae_lambda: float = 0.95
     clip: float = 0.2
     target_kl: float = 0.03
     max_gradient_norm: float = 0.5
     episode_steps: int = 300
-    gait_weight: float = 0.3  # share of the periodic swing/stance term in the training reward
+    gait_weight: float = 0.4  # share of the periodic swing/stance term in the training reward
+    foot_tolerance_m: float = 0.09  # a training episode ends when a sole strays this far in height
+    push_limit_Ns: float = 45.0  # largest sideways push on the pelvis during training, N s
+    push_interval_steps: int = 150  # mean control steps between pushes
+    randomise: float = 0.0  # relative spread of masses, damping, friction; 0: none
     termination_reward: float = 0.3  # an episode ends when Eq 3.10 falls under this
     min_speed_mps: float = 0.0
     max_speed_mps: float = 1.0
@@ -123,19 +127,28 @@ class TransformerParameters:
 class CausalParameters:
     """Decoder-only model with a key-value cache: this project's extension."""
 
-    context: int = 30
+    context: int = 30  # H
+    clock_input: bool = False  # whether the clock and the commanded speed are inputs
     model_size: int = 128
     heads: int = 4
     layers: int = 3
     feedforward_size: int = 512
     dropout: float = 0.0
-    horizon: int = 10
+    horizon: int = 10  # tau
     steps: int = 20_000  # optimiser steps
+    rollout_share: float = 0.4  # last part of the training, on tau-step predictions
     batch_size: int = 128
     learning_rate: float = 1e-3
+    warmup_share: float = 0.02
+    final_learning_rate: float = 1e-5
     weight_decay: float = 1e-2
+    clip_norm: float = 1.0
+    mirror: bool = True  # half of every batch with left and right exchanged
     order_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    max_minutes: float = 45.0
+    validation_steps: int = 500  # optimiser steps between two validations
+    validation_windows: int = 500
+    checkpoint_seconds: float = 60.0
+    max_minutes: float = 45.0  # 0: no limit
     wide_noise_std_rad: float = 0.15  # one more training set, collected at this action noise
     seed: int = 0
 
@@ -238,8 +251,10 @@ def _smoke() -> Preset:
             encoder_layers=1, decoder_layers=1, feedforward_size=32, horizon=2, epochs=2,
             windows_per_epoch=64, batch_size=32, scheduler_patience=1, patience=1,
         ),
-        causal=CausalParameters(context=6, model_size=16, heads=2, layers=1, feedforward_size=32,
-                                horizon=3, steps=6, batch_size=16, max_minutes=0.5),
+        causal=CausalParameters(
+            context=6, model_size=16, heads=2, layers=1, feedforward_size=32, horizon=3, steps=6,
+            batch_size=16, validation_steps=3, validation_windows=16, max_minutes=0.5,
+        ),
         cem=cem,
         gradient_cem=GradientCEMParameters(
             samples=8, elites=3, iterations=1, horizon=3, mean="warm", gradient_iterations=1,

@@ -1,0 +1,1 @@
+"""Learned dynamics: the thesis's two models and a causal one with a key-value cache."""

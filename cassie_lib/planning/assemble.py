@@ -1,0 +1,90 @@
+"""Put a planner together from a preset's section: objective, mean and terminal value."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cassie_lib import gait
+from cassie_lib.dynamics.model import DynamicsModel
+from cassie_lib.errors import ParameterError
+from cassie_lib.planning.cem import CEM
+from cassie_lib.planning.gradient_cem import GradientCEM
+from cassie_lib.planning.objective import Objective, WalkingReward
+from cassie_lib.planning.terminal import CriticValue
+from cassie_lib.presets import CEMParameters, GradientCEMParameters
+from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
+from cassie_lib.simulator import S0_SPEED_MPS
+from cassie_lib.walking import Controller, run_episodes
+
+#: Cycles over which the expert settles, and over which its actions are averaged after that.
+SETTLING_CYCLES = 6
+AVERAGED_CYCLES = 6
+
+
+def expert_cycle(
+    expert: Controller, speed_mps: float = S0_SPEED_MPS, timestep_s: float = 0.0005
+) -> np.ndarray:
+    """The expert's actions by phase, averaged over cycles of an undisturbed walk.
+
+    Args:
+        expert: Controller to record.
+        speed_mps: Commanded forward speed.
+        timestep_s: Physics step.
+
+    Returns:
+        ``(28, 10)`` rad: entry p is the action taken at phase p.
+
+    Raises:
+        ParameterError: If the expert falls meanwhile.
+    """
+    steps = PERIOD * (SETTLING_CYCLES + AVERAGED_CYCLES)
+    recording = run_episodes(
+        expert, episodes=1, steps=steps, speed_mps=speed_mps, perturbation=0.0,
+        timestep_s=timestep_s,
+    )
+    if recording.fell[0]:
+        raise ParameterError(
+            f"the expert fell at control step {recording.length[0]}: expected {steps} to record "
+            "its action cycle"
+        )
+    late = slice(PERIOD * SETTLING_CYCLES, steps)
+    actions = recording.actions[0, late].reshape(AVERAGED_CYCLES, PERIOD, ACTION_SIZE).mean(axis=0)
+    cycle = np.empty((PERIOD, ACTION_SIZE))
+    cycle[recording.phase[0, late][:PERIOD]] = actions
+    return cycle
+
+
+def make_planner(
+    model: DynamicsModel,
+    parameters: CEMParameters,
+    *,
+    expert=None,
+    reference: gait.GaitReference | None = None,
+    speed_mps: float = S0_SPEED_MPS,
+    max_rows: int = 0,
+) -> CEM:
+    """Planner of the kind that its parameters are of.
+
+    Args:
+        model: Dynamics model: learned, or the oracle.
+        parameters: A preset's ``cem`` or ``gradient_cem``.
+        expert: :class:`cassie_lib.expert.policy.Expert`; needed for ``mean="expert"`` and for a
+            terminal value alone.
+        reference: Gait that the reward compares with; default a walk at ``speed_mps``.
+        speed_mps: Commanded forward speed.
+        max_rows: See :class:`~cassie_lib.planning.objective.Objective`.
+
+    Raises:
+        ParameterError: If parameters contradict themselves or need an expert that is not given.
+    """
+    if expert is None and (parameters.terminal_value or parameters.mean == "expert"):
+        needed = "terminal_value" if parameters.terminal_value else 'mean = "expert"'
+        raise ParameterError(f"expert is None: expected one, the parameters say {needed}")
+    reward = WalkingReward(
+        reference or gait.walk(speed_mps), parameters.lateral, parameters.deadband
+    )
+    terminal = CriticValue(expert.policy) if parameters.terminal_value else None
+    objective = Objective(model, reward, parameters.discount, terminal, max_rows)
+    cycle = expert_cycle(expert, speed_mps) if parameters.mean == "expert" else None
+    kind = GradientCEM if isinstance(parameters, GradientCEMParameters) else CEM
+    return kind(objective, parameters, cycle)

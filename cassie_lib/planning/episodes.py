@@ -1,0 +1,93 @@
+"""Closed-loop episodes of a planner, with what it imagined, as one storable result."""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+from zipfile import BadZipFile
+
+import numpy as np
+
+from cassie_lib.errors import ArtifactError
+from cassie_lib.files import replacing
+from cassie_lib.planning.control import PlanLog, PlannerController
+from cassie_lib.reward import WEIGHTS
+from cassie_lib.walking import Recording, run_episodes
+
+
+class PlannedEpisodes(NamedTuple):
+    """Recording of N episodes and the log of the planner that drove them."""
+
+    recording: Recording
+    log: PlanLog
+
+    @property
+    def planner_steps(self) -> np.ndarray:
+        """Control steps that each episode lasted after the hand-over, ``(N,)``."""
+        return np.maximum(0, self.recording.length - self.log.handover_step)
+
+    @property
+    def plan_time_s(self) -> float:
+        """Median wall time of one plan for all episodes that were still upright."""
+        return float(np.nanmedian(self.log.plan_time_s))
+
+    def imagined_and_realised(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of imagined and realised return of every step whose horizon ended upright."""
+        log, length = self.log, self.recording.length
+        rows = np.arange(len(log.plan_time_s))[:, None]
+        valid = np.isfinite(log.realised_return) & (rows + _horizon(log) < length[None, :])
+        return log.imagined_return[valid], log.realised_return[valid]
+
+
+def _horizon(log: PlanLog) -> int:
+    """Horizon of the plans: the rows at the end without a realised return."""
+    known = np.flatnonzero(np.isfinite(log.realised_return).any(axis=1))
+    return len(log.plan_time_s) - 1 - known[-1] if len(known) else len(log.plan_time_s)
+
+
+def plan_episodes(controller: PlannerController, **options) -> PlannedEpisodes:
+    """Run episodes of :func:`cassie_lib.walking.run_episodes` and keep the planner's log.
+
+    Args:
+        controller: The planner in closed loop.
+        options: Passed on: ``episodes``, ``steps``, ``seed``, ``push``, ...
+    """
+    recording = run_episodes(controller, **options)
+    return PlannedEpisodes(recording, controller.log())
+
+
+def save_episodes(path: Path, found: PlannedEpisodes) -> None:
+    """Write episodes to one ``.npz`` file (single precision, no pickle)."""
+    recording, log = found
+    arrays = {f"term_{name}": values for name, values in recording.terms.items()}
+    for field in dataclasses.fields(recording):
+        if field.name != "terms":
+            arrays[field.name] = np.asarray(getattr(recording, field.name))
+    arrays |= {f"log_{name}": np.asarray(value) for name, value in log._asdict().items()}
+    small = {
+        name: value.astype(np.float32) if value.dtype == np.float64 and value.ndim else value
+        for name, value in arrays.items()
+    }
+    with replacing(path) as partial:
+        np.savez_compressed(partial, **small)
+
+
+def load_episodes(path: Path) -> PlannedEpisodes:
+    """Read what :func:`save_episodes` wrote.
+
+    Raises:
+        ArtifactError: If the file is missing, damaged or of another format.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        terms = {name: arrays.pop(f"term_{name}") for name in WEIGHTS}
+        log = PlanLog(**{name: arrays.pop(f"log_{name}") for name in PlanLog._fields})
+        arrays["speed_mps"] = float(arrays["speed_mps"])
+        arrays["protocol"] = str(arrays["protocol"])
+        recording = Recording(terms=terms, **arrays)
+    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile, zlib.error) as error:
+        raise ArtifactError(f"{path.name} holds no planned episodes: {error}") from error
+    return PlannedEpisodes(recording, log._replace(handover_step=int(log.handover_step)))

@@ -199,6 +199,10 @@ class DAggerParameters:
     decay: float = 1.0  # beta on older rounds (section 6.2)
     split: tuple[float, float, float] = (0.6, 0.2, 0.2)
     robots: int = 16
+    episode_steps: int = 300
+    pad_starts: bool = False  # episodes begin with the context of a start without expert
+    training_steps: int = 20_000  # optimiser steps per round
+    learning_rate: float = 3e-4  # peak of each retraining
     minutes_per_round: float = 0.0  # training budget; 0: no limit
     seed: int = 0
 
@@ -260,8 +264,8 @@ def _smoke() -> Preset:
             samples=8, elites=3, iterations=1, horizon=3, mean="warm", gradient_iterations=1,
             normalise_gradient=True,
         ),
-        dagger=DAggerParameters(transitions=224, schedule=(1, 27), robots=4,
-                                minutes_per_round=0.1),
+        dagger=DAggerParameters(transitions=160, schedule=(1, 27), robots=4, episode_steps=40,
+                                training_steps=6, minutes_per_round=0.1),
         evaluation=EvaluationParameters(seeds=2, steps=40),
     )
 
@@ -282,7 +286,7 @@ def _laptop() -> Preset:
             mean="warm", keep_best=True, include_mean=True, normalise_gradient=True,
         ),
         dagger=DAggerParameters(transitions=20_000, schedule=(1, 2, 9, 18, 27),
-                                minutes_per_round=15.0),
+                                pad_starts=True, training_steps=4000),
     )
 
 

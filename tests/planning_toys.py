@@ -8,6 +8,9 @@ from cassie_lib.dynamics.model import History
 from cassie_lib.presets import CEMParameters, GradientCEMParameters
 from cassie_lib.robot.schema import CONTROL_PERIOD_S, MOTOR_POSITION, MOTOR_VELOCITY, STATE_SIZE
 
+# Tensors are tiny: more threads only wait for each other.
+torch.set_num_threads(1)
+
 CONTEXT = 3
 TARGET = torch.linspace(-0.05, 0.05, 10)
 EFFORT = 0.02

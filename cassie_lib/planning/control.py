@@ -17,6 +17,7 @@ import torch
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ParameterError
 from cassie_lib.planning.cem import CEM
+from cassie_lib.planning.threads import one_torch_thread
 from cassie_lib.robot.schema import ACTION_SIZE, PELVIS_HEIGHT
 from cassie_lib.simulator import UPRIGHT_M
 
@@ -142,15 +143,26 @@ class PlannerController:
         if self.expert is None and step == 0:
             self._context.pad(states)
         self._context.see(states)
-        reward = self._stage_reward(states, observation)
-        if step < self.handover_step:
-            actions = np.asarray(self.expert.act(observation), dtype=float)
-            row = self._row(reward)
-        else:
-            actions, row = self._plan(observation, reward)
+        actions = self._start_from(observation, step)
+        row = self._blank(self._stage_reward(states, observation))
+        height = np.asarray(observation.states)[:, PELVIS_HEIGHT.start]
+        upright = (height > UPRIGHT_M[0]) & (height < UPRIGHT_M[1])
+        driven = np.flatnonzero(upright & self._driven(step))
+        if len(driven):
+            actions, row = self._plan(observation, driven, actions, row)
         self._rows.append(row)
         self._context.did(torch.as_tensor(actions, dtype=torch.float32))
         return actions
+
+    def _start_from(self, observation, step: int) -> np.ndarray:
+        """Actions of the robots that the planner does not drive."""
+        if step < self.handover_step:
+            return np.array(self.expert.act(observation), dtype=float)
+        return np.zeros((self._count, ACTION_SIZE))
+
+    def _driven(self, step: int) -> np.ndarray:
+        """Which robots the planner drives at this control step, ``(N,)``."""
+        return np.full(self._count, step >= self.handover_step)
 
     def log(self) -> PlanLog:
         """Everything noted since the last :meth:`reset`."""
@@ -164,27 +176,23 @@ class PlannerController:
         realised[~columns["planned"]] = np.nan
         return PlanLog(self.handover_step, realised_return=realised, **columns)
 
-    def _plan(self, observation, reward) -> tuple[np.ndarray, _Row]:
-        height = np.asarray(observation.states)[:, PELVIS_HEIGHT.start]
-        upright = np.flatnonzero((height > UPRIGHT_M[0]) & (height < UPRIGHT_M[1]))
-        actions, row = np.zeros((self._count, ACTION_SIZE)), self._row(reward)
-        if not len(upright):
-            return actions, row
+    def _plan(self, observation, driven, actions, row: _Row) -> tuple[np.ndarray, _Row]:
         start = time.perf_counter()
-        plan = self.planner.plan(
-            self._context.history(observation, upright),
-            np.asarray(observation.phase)[upright],
-            np.asarray(observation.pelvis_position)[upright, 1],
-            episodes=upright,
-        )
+        with one_torch_thread():
+            plan = self.planner.plan(
+                self._context.history(observation, driven),
+                np.asarray(observation.phase)[driven],
+                np.asarray(observation.pelvis_position)[driven, 1],
+                episodes=driven,
+            )
         row = row._replace(plan_time_s=time.perf_counter() - start)
-        actions[upright] = plan.actions[:, 0].double().numpy()
-        row.planned[upright] = True
-        row.imagined_return[upright] = plan.imagined_return.numpy()
-        row.non_finite[upright] = plan.non_finite.numpy()
+        actions[driven] = plan.actions[:, 0].double().numpy()
+        row.planned[driven] = True
+        row.imagined_return[driven] = plan.imagined_return.numpy()
+        row.non_finite[driven] = plan.non_finite.numpy()
         return actions, row
 
-    def _row(self, reward: np.ndarray) -> _Row:
+    def _blank(self, reward: np.ndarray) -> _Row:
         """A row without a plan."""
         count = self._count
         return _Row(

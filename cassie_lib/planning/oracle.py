@@ -64,6 +64,16 @@ class OracleModel:
         #: Control steps of single robots simulated so far, gradients included.
         self.control_steps = 0
 
+    @property
+    def settings(self) -> dict[str, float | bool]:
+        """What decides its predictions and gradients, for recipes of stored results."""
+        return {
+            "context": self.context,
+            "timestep_s": self.timestep_s,
+            "difference_rad": self.difference_rad,
+            "central": self.central,
+        }
+
     def prepare(self, history: History) -> History:
         """Nothing to prepare: the history itself."""
         return history

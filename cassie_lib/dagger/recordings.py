@@ -1,0 +1,127 @@
+"""Recordings of a round: split by episode, padded starts, weights of older rounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cassie_lib.dynamics.windows import Transitions
+from cassie_lib.errors import DataError, ParameterError
+from cassie_lib.robot.schema import ACTION_SIZE
+from cassie_lib.walking import Recording
+
+
+def to_transitions(recorded, begin: int = 0) -> Transitions:
+    """Transitions of a data set or of a recording of episodes.
+
+    Args:
+        recorded: :class:`cassie_lib.data.Episodes` or :class:`cassie_lib.walking.Recording`.
+        begin: First control step of each recorded episode that counts, e.g. the hand-over; only
+            for a recording.
+
+    Raises:
+        DataError: If no episode lasted that long.
+    """
+    if not isinstance(recorded, Recording):
+        return Transitions(
+            recorded.states, recorded.actions, recorded.phase, np.asarray(recorded.episode_starts)
+        )
+    steps = recorded.actions.shape[1]
+    # The action at which the robot fell counts, too.
+    ends = np.minimum(recorded.length + 1, steps)
+    rows = [np.arange(begin, end) for end in ends]
+    parts = [(episode, row) for episode, row in enumerate(rows) if len(row)]
+    if not parts:
+        raise DataError(f"no episode is longer than {begin} control steps: expected at least one")
+    return Transitions(
+        np.concatenate([recorded.states[e, r] for e, r in parts]).astype(np.float32),
+        np.concatenate([recorded.actions[e, r] for e, r in parts]).astype(np.float32),
+        np.concatenate([recorded.phase[e, r] for e, r in parts]),
+        np.cumsum([0, *(len(row) for _, row in parts[:-1])]),
+    )
+
+
+def split_by_episode(
+    transitions: Transitions, shares: Sequence[float], seed: int
+) -> tuple[Transitions, ...]:
+    """Split into parts of whole episodes, drawn at random: no episode is in two parts.
+
+    Args:
+        transitions: The recording.
+        shares: Share of the episodes in each part, together 1; every part gets at least one.
+        seed: Seed of the draw.
+
+    Raises:
+        ParameterError: If the shares are not positive or do not sum to 1.
+        DataError: If there are fewer episodes than parts.
+    """
+    if min(shares) <= 0 or abs(sum(shares) - 1.0) > 1e-6:
+        raise ParameterError(f"split is {tuple(shares)}: expected positive shares that sum to 1")
+    count = len(transitions.episode_starts)
+    if count < len(shares):
+        raise DataError(f"{count} episodes cannot be split into {len(shares)} parts")
+    bounds = np.rint(np.cumsum([0.0, *shares]) * count).astype(int)
+    # Rounding may leave a part without an episode.
+    for index in range(1, len(shares)):
+        bounds[index] = np.clip(bounds[index], bounds[index - 1] + 1, count - len(shares) + index)
+    order = np.random.default_rng(seed).permutation(count)
+    return tuple(
+        _episodes(transitions, np.sort(order[low:high]))
+        for low, high in zip(bounds, bounds[1:], strict=False)
+    )
+
+
+def _episodes(transitions: Transitions, chosen: np.ndarray) -> Transitions:
+    lengths = transitions.episode_lengths[chosen]
+    rows = np.concatenate([
+        np.arange(start, start + size)
+        for start, size in zip(transitions.episode_starts[chosen], lengths, strict=True)
+    ])
+    return Transitions(
+        transitions.states[rows], transitions.actions[rows], transitions.phase[rows],
+        np.cumsum([0, *lengths[:-1]]),
+    )
+
+
+def pad_starts(transitions: Transitions, context: int) -> Transitions:
+    """Let every episode begin as a start without expert does: copies of s0, zero actions.
+
+    A model that has never seen such a context cannot predict from it.
+
+    Args:
+        transitions: Episodes that begin at s0.
+        context: H; each episode gets H - 1 rows in front, at the phase of its first state.
+    """
+    starts, lengths = transitions.episode_starts, transitions.episode_lengths
+    rows = np.concatenate([
+        np.concatenate([np.full(context - 1, start), np.arange(start, start + size)])
+        for start, size in zip(starts, lengths, strict=True)
+    ])
+    begins = np.cumsum([0, *(lengths[:-1] + context - 1)])
+    actions = np.array(transitions.actions[rows])
+    actions[(begins[:, None] + np.arange(context - 1)).ravel()] = np.zeros(ACTION_SIZE)
+    return Transitions(transitions.states[rows], actions, transitions.phase[rows], begins)
+
+
+def window_shares(
+    sources: Sequence[Transitions], ages: Sequence[int], decay: float, length: int
+) -> list[float]:
+    """Share of each recording in the training batches: its windows times beta**age.
+
+    Args:
+        sources: Recordings.
+        ages: Rounds since each was collected; the newest has 0.
+        decay: beta, 0 to 1; 1 keeps everything.
+        length: States per window.
+
+    Raises:
+        ParameterError: If beta is out of range.
+    """
+    if not 0.0 < decay <= 1.0:
+        raise ParameterError(f"decay is {decay}: expected 0 < beta <= 1")
+    weights = np.array([
+        len(source.window_starts(length)) * decay**age
+        for source, age in zip(sources, ages, strict=True)
+    ])
+    return (weights / weights.sum()).tolist()

@@ -1,0 +1,130 @@
+"""Planner episodes as stored results: one protocol, one artifact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from cassie_lib.artifacts import Artifact, load_or_compute
+from cassie_lib.dynamics.model import DynamicsModel
+from cassie_lib.errors import ParameterError, unknown_name
+from cassie_lib.planning.assemble import make_planner
+from cassie_lib.planning.control import PlannerController
+from cassie_lib.planning.episodes import (
+    PlannedEpisodes,
+    load_episodes,
+    plan_episodes,
+    save_episodes,
+)
+from cassie_lib.presets import CEMParameters
+from cassie_lib.simulator import S0_SPEED_MPS
+from cassie_lib.walking import Push
+
+STARTS = ("handover", "padded")
+EPISODES = "episodes.npz"
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How planner episodes are run.
+
+    Attributes:
+        episodes: Number of seeds, all planned in one batch.
+        steps: Control steps.
+        start: ``"handover"``: the expert drives the first H steps; ``"padded"``: no expert, the
+            context starts as copies of s0.
+        seed: First seed of planners and starts.
+        perturbation: Spread of random initial velocities, m/s and rad/s.
+        speed_mps: Commanded forward speed.
+        timestep_s: Physics step of the loop.
+        push_Ns: Sideways (y) impulse on the pelvis; 0 for none.
+        push_step: Control step at which the push starts.
+    """
+
+    episodes: int = 10
+    steps: int = 1000
+    start: str = "handover"
+    seed: int = 0
+    perturbation: float = 0.05
+    speed_mps: float = S0_SPEED_MPS
+    timestep_s: float = 0.0005
+    push_Ns: float = 0.0
+    push_step: int = 200
+
+
+def run_protocol(
+    protocol: Protocol, model: DynamicsModel, parameters: CEMParameters, expert=None
+) -> PlannedEpisodes:
+    """Run planner episodes.
+
+    Args:
+        protocol: How.
+        model: Learned model or oracle.
+        parameters: A preset's ``cem`` or ``gradient_cem``.
+        expert: :class:`cassie_lib.expert.policy.Expert`; not needed for a padded start.
+
+    Raises:
+        UnknownNameError: If the start is not one of the two.
+        ParameterError: If a hand-over is wanted and there is no expert.
+    """
+    if protocol.start not in STARTS:
+        raise unknown_name("start", protocol.start, STARTS)
+    if protocol.start == "handover" and expert is None:
+        raise ParameterError('expert is None: expected one, the start is "handover"')
+    planner = make_planner(model, parameters, expert=expert, speed_mps=protocol.speed_mps)
+    driver = expert if protocol.start == "handover" else None
+    push = Push(protocol.push_step, (0.0, protocol.push_Ns, 0.0)) if protocol.push_Ns else None
+    return plan_episodes(
+        PlannerController(planner, driver),
+        episodes=protocol.episodes,
+        steps=protocol.steps,
+        speed_mps=protocol.speed_mps,
+        perturbation=protocol.perturbation,
+        push=push,
+        seed=protocol.seed,
+        timestep_s=protocol.timestep_s,
+    )
+
+
+def evaluate(
+    stage: str,
+    protocol: Protocol,
+    model: DynamicsModel,
+    parameters: CEMParameters,
+    expert=None,
+    *,
+    upstream: Iterable[Artifact] = (),
+    preset: str = "",
+    label: str = "",
+) -> tuple[PlannedEpisodes, Artifact]:
+    """:func:`run_protocol`, stored: loaded when it has been run before.
+
+    Args:
+        stage: ``"cem"``, ``"gradient_cem"`` or ``"dagger"``.
+        protocol: How.
+        model: Learned model or oracle; of an oracle, its settings are part of the recipe.
+        parameters: A preset's ``cem`` or ``gradient_cem``.
+        expert: The expert.
+        upstream: Artifacts of model and expert, which decide the result.
+        preset: For the record.
+        label: Tells results of the same recipe apart, if ever needed.
+
+    Returns:
+        The episodes and their artifact.
+    """
+    settings = getattr(model, "settings", None)
+    recipe = {
+        "protocol": protocol,
+        "planner": parameters,
+        "model": {"kind": getattr(model, "kind", "learned"), **(settings or {})},
+        "label": label,
+    }
+
+    def compute(folder: Path) -> None:
+        save_episodes(folder / EPISODES, run_protocol(protocol, model, parameters, expert))
+
+    artifact = load_or_compute(
+        stage, recipe, compute, upstream, preset=preset, seed=protocol.seed
+    )
+    return load_episodes(artifact.file(EPISODES)), artifact

@@ -20,6 +20,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from cassie_lib.dynamics.adjoint import adjoint_rollout
 from cassie_lib.dynamics.attention import merge_heads, split_heads
 from cassie_lib.dynamics.model import (
     History,
@@ -148,8 +149,9 @@ class CausalModel(nn.Module):
         size = parameters.model_size
         states = schema.STATE_SIZE if parameters.clock_input else PHYSICAL_SIZE
         self.state_inputs = states
-        self.embed = nn.Linear(states + schema.ACTION_SIZE, size)
-        self.embed_hidden = nn.Linear(states + schema.ACTION_SIZE, parameters.feedforward_size)
+        self.embed_split = (size, parameters.feedforward_size)
+        # A linear path and a hidden layer beside it, whose two first layers are one product.
+        self.embed = nn.Linear(states + schema.ACTION_SIZE, size + parameters.feedforward_size)
         self.embed_output = nn.Linear(parameters.feedforward_size, size)
         span = parameters.context + parameters.horizon
         self.blocks = nn.ModuleList(Block(parameters, span) for _ in range(parameters.layers))
@@ -169,8 +171,8 @@ class CausalModel(nn.Module):
         """Embed pairs: ``(..., 49)`` and ``(..., 10)`` to ``(..., model_size)``."""
         scaled = self.normalisation.states(states)[..., : self.state_inputs]
         pair = torch.cat([scaled, self.normalisation.actions(actions)], dim=-1)
-        hidden = functional.gelu(self.embed_hidden(pair))
-        return self.embed(pair) + self.embed_output(hidden)
+        direct, hidden = self.embed(pair).split(self.embed_split, dim=-1)
+        return direct + self.embed_output(functional.gelu(hidden))
 
     def forward(self, states: Tensor, actions: Tensor) -> Tensor:
         """Normalised differences after every pair of a window, each from the pairs up to it.
@@ -218,7 +220,9 @@ class CausalModel(nn.Module):
         if isinstance(history, History):
             history = self.prepare(history)
         check_actions(actions, history.now.shape[0], history.now.device)
-        return self.rollout(history, actions)
+        if self.training or any(parameter.requires_grad for parameter in self.parameters()):
+            return self.rollout(history, actions)
+        return adjoint_rollout(self, history, actions)
 
     def rollout(self, encoded: EncodedHistory, actions: Tensor) -> Tensor:
         """Predict ``(E, N, T, 49)`` from an encoded history, one token per candidate and step."""

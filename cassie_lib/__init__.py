@@ -5,4 +5,11 @@ The stages import from left to right only:
 -> figures``.  Importing the package itself loads neither MuJoCo nor torch.
 """
 
+import os
+import sys
+
+# Headless Linux: MuJoCo chooses its OpenGL back end once, when it is first imported.
+if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
 __version__ = "0.1.0"

@@ -150,8 +150,7 @@ class RecurrentPPO:
     def _update(self) -> dict[str, float]:
         p = self.parameters
         done = self.steps / p.total_steps
-        # Pushes grow once the robots walk; the learning rate falls to a tenth.
-        self.task.push_limit = p.push_limit_Ns * float(np.clip((done - 0.25) / 0.35, 0.0, 1.0))
+        self.task.progress = done
         for group in self.optimiser.param_groups:
             group["lr"] = p.learning_rate * (1.0 - 0.9 * done)
         rollout, measures = self._collect()
@@ -212,14 +211,13 @@ class RecurrentPPO:
         """Running mean and standard deviation of the inputs (Welford, batched)."""
         policy, count = self.policy, float(len(states))
         total = self.input_count + count
-        mean, shift = states.mean(0), states.mean(0) - policy.input_mean
+        shift = states.mean(0) - policy.input_mean
         old = policy.input_std**2 * self.input_count
         spread = old + states.var(0, unbiased=False) * count
         spread = spread + shift**2 * self.input_count * count / total
         policy.input_mean += shift * (count / total)
         policy.input_std.copy_((spread / total).sqrt().clamp_min(1e-2))
         self.input_count = total
-        del mean
 
     def _improve(self, rollout: Rollout) -> dict[str, float]:
         p = self.parameters

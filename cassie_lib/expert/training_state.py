@@ -19,7 +19,8 @@ def capture(run: RecurrentPPO) -> dict:
     task = run.task
     simulator = task.simulator
     arrays = {
-        "age": task.age, "gait_index": task._gait_index, "push": simulator._push,
+        "age": task.age, "gait_index": task._gait_index,
+        "mean_velocity": task._mean_velocity, "push": simulator._push,
         "push_steps": simulator._push_steps,
         **{f"snapshot_{name}": value for name, value in simulator.snapshot()._asdict().items()},
     }
@@ -48,6 +49,7 @@ def reinstate(run: RecurrentPPO, stored: dict) -> None:
     simulator.restore(Snapshot(*(arrays[f"snapshot_{name}"] for name in Snapshot._fields)))
     simulator._push, simulator._push_steps = arrays["push"], arrays["push_steps"]
     run.task.age, run.task._gait_index = arrays["age"], arrays["gait_index"]
+    run.task._mean_velocity = arrays["mean_velocity"]
     counters = stored["counters"]
     run.steps, run.seconds = counters["steps"], counters["seconds"]
     run.input_count = counters["inputs"]

@@ -1,0 +1,1 @@
+"""The robot: parameters, model, state schema, kinematics and pictures."""

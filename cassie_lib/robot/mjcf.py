@@ -115,7 +115,8 @@ def _settings(root: ET.Element, parameters: dict) -> None:
     visual = ET.SubElement(root, "visual")
     ET.SubElement(visual, "global", offwidth="1280", offheight="960")
     ET.SubElement(visual, "headlight", ambient="0.35 0.35 0.35", diffuse="0.5 0.5 0.5")
-    ET.SubElement(visual, "quality", shadowsize="2048")
+    ET.SubElement(visual, "quality", shadowsize="4096")
+    ET.SubElement(visual, "map", shadowclip="4")
     asset = ET.SubElement(root, "asset")
     ET.SubElement(asset, "texture", name="grid", type="2d", builtin="checker", width="300",
                   height="300", rgb1="0.82 0.84 0.86", rgb2="0.93 0.94 0.95")
@@ -167,8 +168,8 @@ def build_mjcf(parameters: dict) -> str:
     root = ET.Element("mujoco", model="cassie")
     _settings(root, parameters)
     world = ET.SubElement(root, "worldbody")
-    ET.SubElement(world, "light", name="sun", pos="0 0 4", dir="0.2 0.2 -1", type="directional",
-                  diffuse="0.5 0.5 0.5")
+    ET.SubElement(world, "light", name="sun", pos="-1.5 -1 4", dir="0.35 0.25 -1", mode="trackcom",
+                  type="directional", diffuse="0.5 0.5 0.5")
     ET.SubElement(world, "geom", name="floor", type="plane", size="0 0 0.25", material="floor",
                   pos=_text((0, 0, parameters["solver"]["floor_height_m"])), contype="0",
                   conaffinity="7")

@@ -109,6 +109,8 @@ class MLPParameters:
     horizon: int = 6  # tau, predicted control steps
     patience: int = 4  # epochs
     slope: float = 0.05
+    checkpoint_seconds: float = 60.0
+    max_minutes: float = 0.0  # 0: no limit
     seed: int = 0
 
 
@@ -138,6 +140,8 @@ class TransformerParameters:
     scheduler_factor: float = 0.9
     patience: int = 75  # p, epochs
     change_percent: float = 5.0  # psi
+    validation_windows: int = 0  # windows per epoch of validation and test; 0: all of them
+    checkpoint_seconds: float = 60.0
     max_minutes: float = 0.0  # 0: no limit
     seed: int = 0
 
@@ -298,7 +302,7 @@ def _laptop() -> Preset:
         transformer=TransformerParameters(
             representation_size=256, model_size=128, feedforward_size=512, heads=4,
             encoder_layers=2, decoder_layers=2, epochs=300, windows_per_epoch=8192,
-            scheduler_patience=20, patience=15, max_minutes=60.0,
+            scheduler_patience=20, patience=15, validation_windows=1024, max_minutes=60.0,
         ),
         cem=CEMParameters(samples=256, elites=32, iterations=4, mean="warm", keep_best=True,
                           include_mean=True),

@@ -44,7 +44,7 @@ def load_checkpoint(path: Path, identity: str) -> dict | None:
     try:
         stored = torch.load(path, map_location="cpu", weights_only=True)
         found, content = stored["identity"], stored["content"]
-    except Exception as error:  # noqa: BLE001 - torch raises many types on a damaged file
+    except Exception as error:
         raise CheckpointError(
             f"{path} cannot be read ({type(error).__name__}): expected a whole checkpoint; "
             "remove it to start over"

@@ -23,9 +23,15 @@ class CassieEnv(gymnasium.Env):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_PERIOD_S)}
 
-    def __init__(self, speed_mps: float = S0_SPEED_MPS, gait_name: str = "walk",
-                 episode_steps: int = 300, start: str = "s0", timestep_s: float = 0.0005,
-                 render_mode: str | None = None) -> None:
+    def __init__(
+        self,
+        speed_mps: float = S0_SPEED_MPS,
+        gait_name: str = "walk",
+        episode_steps: int = 300,
+        start: str = "s0",
+        timestep_s: float = 0.0005,
+        render_mode: str | None = None,
+    ) -> None:
         """Make the environment.
 
         Args:
@@ -61,9 +67,12 @@ class CassieEnv(gymnasium.Env):
             self._simulator.reset(phase=S0_PHASE, speed=self._speed)
         else:
             phase = int(self.np_random.integers(PERIOD))
-            self._simulator.reset(qpos=self._reference.qpos[phase],
-                                  qvel=self._reference.qvel[phase], phase=phase,
-                                  speed=self._speed)
+            self._simulator.reset(
+                qpos=self._reference.qpos[phase],
+                qvel=self._reference.qvel[phase],
+                phase=phase,
+                speed=self._speed,
+            )
         return self._simulator.states[0], {}
 
     def step(self, action):
@@ -74,9 +83,11 @@ class CassieEnv(gymnasium.Env):
         """
         self._simulator.step(np.asarray(action, dtype=float)[None])
         self._age += 1
-        terms = reward_terms(self._simulator.states,
-                             self._reference.pose(self._simulator.phase),
-                             self._simulator.qpos[:, 1])
+        terms = reward_terms(
+            self._simulator.states,
+            self._reference.pose(self._simulator.phase),
+            self._simulator.qpos[:, 1],
+        )
         info = {name: float(value[0]) for name, value in terms.items()}
         terminated = bool(self._simulator.fallen[0])
         truncated = not terminated and self._age >= self._limit

@@ -28,8 +28,11 @@ class CsvLog:
             with open(path, newline="") as file:
                 rows = list(csv.reader(file))
             # A kill can leave half a line at the end.
-            kept = [row for row in rows[1:] if len(row) == len(_FIELDS)
-                    and row[0].isdigit() and int(row[0]) <= resume_step]
+            kept = [
+                row
+                for row in rows[1:]
+                if len(row) == len(_FIELDS) and row[0].isdigit() and int(row[0]) <= resume_step
+            ]
         temporary = path.with_suffix(".tmp")
         with open(temporary, "w", newline="") as file:
             writer = csv.writer(file)
@@ -49,8 +52,9 @@ class CsvLog:
 class Progress:
     """Prints a line every few seconds with the measures and the time left."""
 
-    def __init__(self, label: str, total: int, start: int = 0, every_s: float = 15.0,
-                 quiet: bool = False) -> None:
+    def __init__(
+        self, label: str, total: int, start: int = 0, every_s: float = 15.0, quiet: bool = False
+    ) -> None:
         """Start the clock.
 
         Args:
@@ -73,5 +77,8 @@ class Progress:
         rate = (done - self.start) / max(now - self.began, 1e-9)
         left = (self.total - done) / max(rate, 1e-9)
         shown = "  ".join(f"{name} {value:.3g}" for name, value in values.items())
-        print(f"{self.label} {done:,}/{self.total:,}  {rate:,.0f}/s  "
-              f"{left / 60:.1f} min left  {shown}", flush=True)
+        print(
+            f"{self.label} {done:,}/{self.total:,}  {rate:,.0f}/s  "
+            f"{left / 60:.1f} min left  {shown}",
+            flush=True,
+        )

@@ -23,7 +23,9 @@ def _read(path: Path) -> np.ndarray:
     try:
         raw = Path(path).read_bytes()
     except OSError as error:
-        raise TrajectoryError(f"{path} cannot be read ({error.strerror}): expected a file") from error
+        raise TrajectoryError(
+            f"{path} cannot be read ({error.strerror}): expected a file"
+        ) from error
     width = 8 * COLUMNS
     if len(raw) == 0 or len(raw) % width:
         raise TrajectoryError(
@@ -67,10 +69,16 @@ def load_stepdata(path: Path) -> GaitReference:
         )
     sampled = rows[:expected:_ROWS_PER_STEP]
     qpos, qvel = sampled[:, 1:36].copy(), sampled[:, 36:68].copy()
-    height = np.array([
-        [chain[-2:, 2].min() - robot.FOOT_RADIUS_M - robot.FLOOR_HEIGHT_M
-         for chain in body_positions(row).values()] for row in qpos
-    ])
+    height = np.array(
+        [
+            [
+                chain[-2:, 2].min() - robot.FOOT_RADIUS_M - robot.FLOOR_HEIGHT_M
+                for chain in body_positions(row).values()
+            ]
+            for row in qpos
+        ]
+    )
     speed = (rows[expected - 1, 1] - rows[0, 1]) / (rows[expected - 1, 0] - rows[0, 0])
-    return GaitReference(Path(path).stem, float(speed), qpos, qvel, height,
-                         height < _CONTACT_HEIGHT_M)
+    return GaitReference(
+        Path(path).stem, float(speed), qpos, qvel, height, height < _CONTACT_HEIGHT_M
+    )

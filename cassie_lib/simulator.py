@@ -56,8 +56,13 @@ class Simulator:
             A fallen robot stays where it fell until it is reset.
     """
 
-    def __init__(self, count: int, timestep_s: float = 0.0005, threads: int | None = None,
-                 models: list[mujoco.MjModel] | None = None) -> None:
+    def __init__(
+        self,
+        count: int,
+        timestep_s: float = 0.0005,
+        threads: int | None = None,
+        models: list[mujoco.MjModel] | None = None,
+    ) -> None:
         """Make N robots and reset them to s0.
 
         Args:
@@ -134,8 +139,9 @@ class Simulator:
         return self._force.copy()
 
     # -- changing --------------------------------------------------------------------------------
-    def reset(self, indices=None, *, qpos=None, qvel=None, phase=S0_PHASE,
-              speed=S0_SPEED_MPS) -> None:
+    def reset(
+        self, indices=None, *, qpos=None, qvel=None, phase=S0_PHASE, speed=S0_SPEED_MPS
+    ) -> None:
         """Put robots into a configuration, by default s0 of Appendix A.3.
 
         The published height in A.3 (0.805 m) is that of a state estimator: with the published
@@ -217,8 +223,19 @@ class Simulator:
 
     def snapshot(self) -> Snapshot:
         """Copy of everything that the future depends on (pushes under way excepted)."""
-        return Snapshot(*(np.copy(part) for part in (
-            self.physics, self._sensors, self._force, self.phase, self.speed, self.fallen)))
+        return Snapshot(
+            *(
+                np.copy(part)
+                for part in (
+                    self.physics,
+                    self._sensors,
+                    self._force,
+                    self.phase,
+                    self.speed,
+                    self.fallen,
+                )
+            )
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a :meth:`snapshot` of as many robots.
@@ -227,11 +244,10 @@ class Simulator:
             ShapeError: If the snapshot holds another number of robots.
         """
         if snapshot.physics.shape != self.physics.shape:
-            raise ShapeError(
-                f"snapshot has {len(snapshot.physics)} robots: expected {self.count}"
-            )
-        (self.physics, self._sensors, self._force, self.phase, self.speed,
-         self.fallen) = (np.copy(part) for part in snapshot)
+            raise ShapeError(f"snapshot has {len(snapshot.physics)} robots: expected {self.count}")
+        (self.physics, self._sensors, self._force, self.phase, self.speed, self.fallen) = (
+            np.copy(part) for part in snapshot
+        )
         self._push_steps[:] = 0
 
     # -- physics ---------------------------------------------------------------------------------
@@ -245,8 +261,12 @@ class Simulator:
             forces[:, 1, :3] = self._push[indices] * pushed[:, None]
             controls = np.concatenate([controls, forces.reshape(len(indices), 1, -1)], axis=2)
         return self._pool.rollout(
-            [self._models[i] for i in indices], self._data, self.physics[indices], controls,
-            control_spec=int(spec), nstep=steps,
+            [self._models[i] for i in indices],
+            self._data,
+            self.physics[indices],
+            controls,
+            control_spec=int(spec),
+            nstep=steps,
         )
 
     def _advance(self, moving: np.ndarray, actions: np.ndarray) -> None:
@@ -256,7 +276,8 @@ class Simulator:
         if not good.all():
             warnings.warn(
                 f"physics diverged for robot(s) {moving[~good].tolist()}: counted as falls",
-                RuntimeWarning, stacklevel=3,
+                RuntimeWarning,
+                stacklevel=3,
             )
         kept = moving[good]
         self.physics[kept] = physics[good]

@@ -1,4 +1,4 @@
-"""Closed-loop episodes of any controller, policy or planner, recorded with all that proves a walk."""
+"""Closed-loop episodes of any controller, recorded with all that proves a walk."""
 
 from __future__ import annotations
 
@@ -132,11 +132,19 @@ class Recording:
         return self.length < self.actions.shape[1]
 
 
-def run_episodes(controller: Controller, *, episodes: int, steps: int,
-                 speed_mps: float = S0_SPEED_MPS, noise_std_rad: float = 0.0,
-                 perturbation: float = 0.05, push: Push | None = None, seed: int = 0,
-                 timestep_s: float = 0.0005,
-                 reference: gait.GaitReference | None = None) -> Recording:
+def run_episodes(
+    controller: Controller,
+    *,
+    episodes: int,
+    steps: int,
+    speed_mps: float = S0_SPEED_MPS,
+    noise_std_rad: float = 0.0,
+    perturbation: float = 0.05,
+    push: Push | None = None,
+    seed: int = 0,
+    timestep_s: float = 0.0005,
+    reference: gait.GaitReference | None = None,
+) -> Recording:
     """Run episodes from s0 in one batch.
 
     Args:
@@ -175,8 +183,13 @@ def run_episodes(controller: Controller, *, episodes: int, steps: int,
     for step in range(steps):
         if push is not None and step == push.step:
             simulator.push(push.impulse, push.duration_steps)
-        observation = Observation(simulator.states, simulator.physics.copy(),
-                                  simulator.phase.copy(), simulator.pelvis_position, step)
+        observation = Observation(
+            simulator.states,
+            simulator.physics.copy(),
+            simulator.phase.copy(),
+            simulator.pelvis_position,
+            step,
+        )
         actions = controller.act(observation)
         if noise_std_rad:
             actions = actions + rng.normal(0.0, noise_std_rad, actions.shape)
@@ -185,10 +198,12 @@ def run_episodes(controller: Controller, *, episodes: int, steps: int,
         if simulator.fallen.all():
             tape.fill(step + 1)
             break
-    protocol = (f"from s0, {episodes} episodes of {steps} control steps "
-                f"({steps * CONTROL_PERIOD_S:.1f} s), {timestep_s * 1e3:g} ms physics, "
-                f"initial velocities N(0, {perturbation:g}), action noise {noise_std_rad:g} rad"
-                + (f", push {push.impulse} N s at step {push.step}" if push else ""))
+    protocol = (
+        f"from s0, {episodes} episodes of {steps} control steps "
+        f"({steps * CONTROL_PERIOD_S:.1f} s), {timestep_s * 1e3:g} ms physics, "
+        f"initial velocities N(0, {perturbation:g}), action noise {noise_std_rad:g} rad"
+        + (f", push {push.impulse} N s at step {push.step}" if push else "")
+    )
     return tape.recording(speed_mps, protocol)
 
 
@@ -228,8 +243,9 @@ class _Tape:
     def write(self, step: int, simulator: Simulator, actions: np.ndarray) -> None:
         self.write_state(step + 1, simulator)
         self.actions[:, step] = actions
-        terms = reward_terms(simulator.states, self.reference.pose(simulator.phase),
-                             simulator.qpos[:, 1])
+        terms = reward_terms(
+            simulator.states, self.reference.pose(simulator.phase), simulator.qpos[:, 1]
+        )
         for name, values in terms.items():
             self.terms[name][:, step] = values
         new = simulator.fallen & (self.length == self.steps)
@@ -237,11 +253,27 @@ class _Tape:
 
     def fill(self, row: int) -> None:
         """Repeat the end of the episodes when all have fallen."""
-        for array in (self.states, self.qpos, self.foot_position, self.foot_height,
-                      self.foot_force, self.phase):
+        for array in (
+            self.states,
+            self.qpos,
+            self.foot_position,
+            self.foot_height,
+            self.foot_force,
+            self.phase,
+        ):
             array[:, row + 1 :] = array[:, row : row + 1]
 
     def recording(self, speed_mps: float, protocol: str) -> Recording:
-        return Recording(self.states, self.actions, self.qpos, self.foot_position,
-                         self.foot_height, self.foot_force, self.phase, self.terms, self.length,
-                         speed_mps, protocol)
+        return Recording(
+            self.states,
+            self.actions,
+            self.qpos,
+            self.foot_position,
+            self.foot_height,
+            self.foot_force,
+            self.phase,
+            self.terms,
+            self.length,
+            speed_mps,
+            protocol,
+        )

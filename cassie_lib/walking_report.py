@@ -68,15 +68,33 @@ class WalkingReport:
         table = []
         for m in self.measures:
             bound = " to ".join(f"{b:g}" for b in (m.low, m.high) if np.isfinite(b))
-            sign = "" if np.isfinite(m.low) and np.isfinite(m.high) else (
-                "≥ " if np.isfinite(m.low) else "≤ ")
+            sign = (
+                ""
+                if np.isfinite(m.low) and np.isfinite(m.high)
+                else ("≥ " if np.isfinite(m.low) else "≤ ")
+            )
             finite = m.values[np.isfinite(m.values)]
-            spread = (f"{np.median(finite):.3g} [{finite.min():.3g}, {finite.max():.3g}]"
-                      if len(finite) else "undefined")
-            table.append({"measure": m.name, "median [least, greatest]": spread,
-                          "bound": sign + bound, "pass": f"{m.passed.sum()}/{len(m.values)}"})
-        table.append({"measure": "all of these", "median [least, greatest]": "", "bound": "",
-                      "pass": f"{self.walks.sum()}/{len(self.walks)}"})
+            spread = (
+                f"{np.median(finite):.3g} [{finite.min():.3g}, {finite.max():.3g}]"
+                if len(finite)
+                else "undefined"
+            )
+            table.append(
+                {
+                    "measure": m.name,
+                    "median [least, greatest]": spread,
+                    "bound": sign + bound,
+                    "pass": f"{m.passed.sum()}/{len(m.values)}",
+                }
+            )
+        table.append(
+            {
+                "measure": "all of these",
+                "median [least, greatest]": "",
+                "bound": "",
+                "pass": f"{self.walks.sum()}/{len(self.walks)}",
+            }
+        )
         return table
 
     def to_markdown(self) -> str:
@@ -91,8 +109,13 @@ class WalkingReport:
         return self.to_markdown()
 
 
-def walking_report(recording: Recording, *, begin: int = 2 * PERIOD, speed_tolerance: float = 0.05,
-                   min_reward: float = 0.0) -> WalkingReport:
+def walking_report(
+    recording: Recording,
+    *,
+    begin: int = 2 * PERIOD,
+    speed_tolerance: float = 0.05,
+    min_reward: float = 0.0,
+) -> WalkingReport:
     """Measure a walk.
 
     Args:
@@ -121,20 +144,31 @@ def walking_report(recording: Recording, *, begin: int = 2 * PERIOD, speed_toler
             gait_rows[episode] = _gait_measures(recording, episode, begin, length)
     lift, left, right, flight, alternation, speed, drift = gait_rows.T
     with np.errstate(invalid="ignore"):
-        mean_reward = np.array([np.mean(row[:n]) if n else np.nan for row, n in
-                                zip(recording.reward, recording.length, strict=True)])
-    return WalkingReport((
-        Measure("control steps without a fall", recording.length.astype(float), low=total),
-        Measure("least foot lift of any cycle (m)", lift, low=0.05),
-        Measure("left single support (share of time)", left, 0.30, 0.50),
-        Measure("right single support (share of time)", right, 0.30, 0.50),
-        Measure("both feet in the air (share of time)", flight, high=0.10),
-        Measure("touch-downs that change feet (share)", alternation, low=0.99),
-        Measure("mean forward speed (m/s)", speed, recording.speed_mps - speed_tolerance,
-                recording.speed_mps + speed_tolerance),
-        Measure("mean sideways speed (m/s)", drift, -0.1, 0.1),
-        Measure("plain reward 3.10 per step", mean_reward, low=min_reward),
-    ), recording.protocol)
+        mean_reward = np.array(
+            [
+                np.mean(row[:n]) if n else np.nan
+                for row, n in zip(recording.reward, recording.length, strict=True)
+            ]
+        )
+    return WalkingReport(
+        (
+            Measure("control steps without a fall", recording.length.astype(float), low=total),
+            Measure("least foot lift of any cycle (m)", lift, low=0.05),
+            Measure("left single support (share of time)", left, 0.30, 0.50),
+            Measure("right single support (share of time)", right, 0.30, 0.50),
+            Measure("both feet in the air (share of time)", flight, high=0.10),
+            Measure("touch-downs that change feet (share)", alternation, low=0.99),
+            Measure(
+                "mean forward speed (m/s)",
+                speed,
+                recording.speed_mps - speed_tolerance,
+                recording.speed_mps + speed_tolerance,
+            ),
+            Measure("mean sideways speed (m/s)", drift, -0.1, 0.1),
+            Measure("plain reward 3.10 per step", mean_reward, low=min_reward),
+        ),
+        recording.protocol,
+    )
 
 
 def _gait_measures(recording: Recording, episode: int, begin: int, length: int) -> tuple:
@@ -146,9 +180,15 @@ def _gait_measures(recording: Recording, episode: int, begin: int, length: int) 
     lifts = height[: cycles * PERIOD].reshape(cycles, PERIOD, 2).max(axis=1)
     position = recording.qpos[episode, rows, :2]
     velocity = (position[-1] - position[0]) / ((len(position) - 1) * CONTROL_PERIOD_S)
-    return (lifts.min(), np.mean(loaded[:, 0] & ~loaded[:, 1]),
-            np.mean(loaded[:, 1] & ~loaded[:, 0]), np.mean(~loaded.any(axis=1)),
-            _alternation(height, loaded), velocity[0], velocity[1])
+    return (
+        lifts.min(),
+        np.mean(loaded[:, 0] & ~loaded[:, 1]),
+        np.mean(loaded[:, 1] & ~loaded[:, 0]),
+        np.mean(~loaded.any(axis=1)),
+        _alternation(height, loaded),
+        velocity[0],
+        velocity[1],
+    )
 
 
 def _alternation(height: np.ndarray, loaded: np.ndarray) -> float:

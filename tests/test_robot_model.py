@@ -31,8 +31,9 @@ def test_masses_and_sizes_are_the_published_ones():
         # The principal inertias are the eigenvalues of the published tensor.
         xx, yy, zz, xy, xz, yz = body["inertia_kg_m2_xx_yy_zz_xy_xz_yz"]
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        np.testing.assert_allclose(np.sort(model.body(body["body"]).inertia),
-                                   np.linalg.eigvalsh(tensor), rtol=1e-6)
+        np.testing.assert_allclose(
+            np.sort(model.body(body["body"]).inertia), np.linalg.eigvalsh(tensor), rtol=1e-6
+        )
 
 
 def test_joint_limits_armatures_and_springs():
@@ -73,8 +74,9 @@ def test_pd_law_is_the_published_one_and_is_limited():
     target = data.ctrl + robot.neutral_pose()
     expected = kp * (target - data.qpos[robot.motor_qpos()]) - kd * data.qvel[robot.motor_qvel()]
     limit = robot.torque_limit()
-    np.testing.assert_allclose(data.qfrc_actuator[robot.motor_qvel()],
-                               np.clip(expected, -limit, limit), atol=1e-9)
+    np.testing.assert_allclose(
+        data.qfrc_actuator[robot.motor_qvel()], np.clip(expected, -limit, limit), atol=1e-9
+    )
     data.ctrl[:] = 50.0
     mujoco.mj_forward(model, data)
     np.testing.assert_allclose(data.actuator_force, limit)
@@ -85,8 +87,9 @@ def test_standing_pose_closes_the_loops_that_the_published_one_leaves_open():
     assert np.abs(kinematics.loop_error(robot.nominal_qpos())).max() > 1e-3
     assert np.abs(kinematics.loop_error(np.array(standing_qpos()))).max() < 1e-9
     # The driven joints are untouched: A.3 gives their positions.
-    np.testing.assert_array_equal(np.array(standing_qpos())[robot.motor_qpos()],
-                                  robot.nominal_qpos()[robot.motor_qpos()])
+    np.testing.assert_array_equal(
+        np.array(standing_qpos())[robot.motor_qpos()], robot.nominal_qpos()[robot.motor_qpos()]
+    )
 
 
 def _hanging(timestep_s=0.0005):
@@ -160,8 +163,10 @@ def _sdf_links(path):
         inertial = link.find("inertial")
         if inertial is None:
             continue
-        values = [float(inertial.find(f"inertia/{key}").text)
-                  for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
+        values = [
+            float(inertial.find(f"inertia/{key}").text)
+            for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        ]
         links[link.get("name")] = (
             float(inertial.find("mass").text),
             [float(v) for v in inertial.find("pose").text.split()[:3]],
@@ -210,4 +215,5 @@ def test_meshes_change_looks_only():
     plain, meshed = robot.load_model(), load_mesh_model()
     np.testing.assert_allclose(meshed.body_mass, plain.body_mass)
     np.testing.assert_allclose(meshed.body_inertia, plain.body_inertia)
-    assert meshed.nq == plain.nq and meshed.nmesh > 10
+    assert meshed.nq == plain.nq
+    assert meshed.nmesh > 10

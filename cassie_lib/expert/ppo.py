@@ -56,8 +56,14 @@ class Rollout:
     last_value: Tensor | None = None
 
 
-def generalised_advantages(rewards: Tensor, values: Tensor, last_value: Tensor, ends: Tensor,
-                           discount: float, gae_lambda: float) -> Tensor:
+def generalised_advantages(
+    rewards: Tensor,
+    values: Tensor,
+    last_value: Tensor,
+    ends: Tensor,
+    discount: float,
+    gae_lambda: float,
+) -> Tensor:
     """GAE(lambda) over a rollout.
 
     Args:
@@ -161,8 +167,18 @@ class RecurrentPPO:
     @torch.no_grad()
     def _collect(self) -> tuple[Rollout, dict[str, float]]:
         p, task, policy = self.parameters, self.task, self.policy
-        rows: dict[str, list[Tensor]] = {name: [] for name in (
-            "inputs", "actions", "log_probability", "values", "rewards", "starts", "ends")}
+        rows: dict[str, list[Tensor]] = {
+            name: []
+            for name in (
+                "inputs",
+                "actions",
+                "log_probability",
+                "values",
+                "rewards",
+                "starts",
+                "ends",
+            )
+        }
         memories, totals = [], {"reward": 0.0, "plain_reward": 0.0, "falls": 0.0}
         states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
         if self.steps < p.total_steps // 2:
@@ -182,13 +198,26 @@ class RecurrentPPO:
             states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
             if expired.any():
                 # A time limit is no failure: add what the critic expects from there on.
-                beyond, _ = policy.critic(policy.normalise(states).unsqueeze(0), critic,
-                                          torch.zeros(1, p.robots))
+                beyond, _ = policy.critic(
+                    policy.normalise(states).unsqueeze(0), critic, torch.zeros(1, p.robots)
+                )
                 reward = reward + p.discount * beyond[0, :, 0] * torch.as_tensor(
-                    expired, dtype=torch.float32)
+                    expired, dtype=torch.float32
+                )
             ends = torch.as_tensor(failed | expired, dtype=torch.float32)
-            for name, item in zip(rows, (inputs[0], action, self._log_probability(action, mean[0]),
-                                         value[0, :, 0], reward, self.starts, ends), strict=True):
+            for name, item in zip(
+                rows,
+                (
+                    inputs[0],
+                    action,
+                    self._log_probability(action, mean[0]),
+                    value[0, :, 0],
+                    reward,
+                    self.starts,
+                    ends,
+                ),
+                strict=True,
+            ):
                 rows[name].append(item)
             totals["reward"] += float(reward.mean()) * _VALUE_SCALE
             totals["plain_reward"] += float(plain.mean())
@@ -197,8 +226,9 @@ class RecurrentPPO:
                 task.restart(failed | expired)
                 states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
             self.starts = ends
-        last, _ = policy.critic(policy.normalise(states).unsqueeze(0), self.memory[1],
-                                self.starts.unsqueeze(0))
+        last, _ = policy.critic(
+            policy.normalise(states).unsqueeze(0), self.memory[1], self.starts.unsqueeze(0)
+        )
         stacked = {name: torch.stack(items) for name, items in rows.items()}
         rollout = Rollout(**stacked, memories=memories, last_value=last[0, :, 0])
         return rollout, {name: total / p.rollout_steps for name, total in totals.items()}
@@ -221,12 +251,21 @@ class RecurrentPPO:
 
     def _improve(self, rollout: Rollout) -> dict[str, float]:
         p = self.parameters
-        advantages = generalised_advantages(rollout.rewards, rollout.values, rollout.last_value,
-                                            rollout.ends, p.discount, p.gae_lambda)
+        advantages = generalised_advantages(
+            rollout.rewards,
+            rollout.values,
+            rollout.last_value,
+            rollout.ends,
+            p.discount,
+            p.gae_lambda,
+        )
         targets = advantages + rollout.values
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        sequences = [(begin, robot) for begin in range(0, p.rollout_steps, p.sequence_steps)
-                     for robot in range(p.robots)]
+        sequences = [
+            (begin, robot)
+            for begin in range(0, p.rollout_steps, p.sequence_steps)
+            for robot in range(p.robots)
+        ]
         order = torch.tensor(sequences)
         sums = {"policy_loss": 0.0, "value_loss": 0.0, "kl": 0.0}
         batches = 0
@@ -241,20 +280,28 @@ class RecurrentPPO:
                 break  # the data are used up: the policy has moved far enough from them
         return {name: total / batches for name, total in sums.items()}
 
-    def _minibatch(self, rollout: Rollout, advantages: Tensor, targets: Tensor,
-                   chosen: Tensor) -> dict[str, float]:
+    def _minibatch(
+        self, rollout: Rollout, advantages: Tensor, targets: Tensor, chosen: Tensor
+    ) -> dict[str, float]:
         p, policy = self.parameters, self.policy
         rows = chosen[:, 0] + torch.arange(p.sequence_steps).unsqueeze(1)
         columns = chosen[:, 1].expand_as(rows)
         which = (chosen[:, 0] // p.sequence_steps).tolist()
         robots = chosen[:, 1].tolist()
-        memory = [torch.stack([rollout.memories[s][net][:, :, r] for s, r in
-                               zip(which, robots, strict=True)], dim=2) for net in (0, 1)]
+        memory = [
+            torch.stack(
+                [rollout.memories[s][net][:, :, r] for s, r in zip(which, robots, strict=True)],
+                dim=2,
+            )
+            for net in (0, 1)
+        ]
         inputs, starts = rollout.inputs[rows, columns], rollout.starts[rows, columns]
         mean, _ = policy.actor(inputs, memory[0], starts)
         value, _ = policy.critic(inputs, memory[1], starts)
-        log_ratio = (self._log_probability(rollout.actions[rows, columns], mean)
-                     - rollout.log_probability[rows, columns])
+        log_ratio = (
+            self._log_probability(rollout.actions[rows, columns], mean)
+            - rollout.log_probability[rows, columns]
+        )
         ratio, advantage = log_ratio.exp(), advantages[rows, columns]
         clipped = ratio.clamp(1.0 - p.clip, 1.0 + p.clip)
         policy_loss = -torch.min(ratio * advantage, clipped * advantage).mean()

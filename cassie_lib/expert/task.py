@@ -66,8 +66,9 @@ class WalkingTask:
         progress: Share of the training that is done, 0..1; set by the trainer.
     """
 
-    def __init__(self, parameters: ExpertParameters, timestep_s: float,
-                 rng: np.random.Generator) -> None:
+    def __init__(
+        self, parameters: ExpertParameters, timestep_s: float, rng: np.random.Generator
+    ) -> None:
         """Start N robots.
 
         Args:
@@ -109,11 +110,11 @@ class WalkingTask:
         qpos = np.stack([self.references[g].qpos[p] for g, p in zip(chosen, phase, strict=True)])
         qvel = np.stack([self.references[g].qvel[p] for g, p in zip(chosen, phase, strict=True)])
         qpos[:, 0] = 0.0
-        self.simulator.reset(indices, qpos=qpos, qvel=qvel, phase=phase,
-                             speed=self._speeds[chosen])
+        self.simulator.reset(indices, qpos=qpos, qvel=qvel, phase=phase, speed=self._speeds[chosen])
         standing = self.rng.random(count) < 0.4
-        self.simulator.reset(indices[standing], phase=S0_PHASE,
-                             speed=self._speeds[chosen[standing]])
+        self.simulator.reset(
+            indices[standing], phase=S0_PHASE, speed=self._speeds[chosen[standing]]
+        )
         self._gait_index[indices] = chosen
         self._mean_velocity[indices] = self.simulator.qvel[indices, :2]
         self.age[indices] = 0
@@ -132,13 +133,15 @@ class WalkingTask:
         # Pushes grow once the robots walk.
         push_limit = self.parameters.push_limit_Ns * np.clip((self.progress - 0.25) / 0.35, 0, 1)
         if push_limit > 0.0:
-            struck = np.flatnonzero(self.rng.random(simulator.count)
-                                    < 1.0 / self.parameters.push_interval_steps)
+            struck = np.flatnonzero(
+                self.rng.random(simulator.count) < 1.0 / self.parameters.push_interval_steps
+            )
             if len(struck):
                 direction = self.rng.uniform(0.0, 2.0 * np.pi, len(struck))
                 size = self.rng.uniform(0.0, push_limit, len(struck))
                 impulse = size[:, None] * np.stack(
-                    [0.5 * np.cos(direction), np.sin(direction), np.zeros(len(struck))], axis=1)
+                    [0.5 * np.cos(direction), np.sin(direction), np.zeros(len(struck))], axis=1
+                )
                 simulator.push(impulse, indices=struck)
         simulator.step(actions)
         phase, chosen = simulator.phase, self._gait_index
@@ -146,8 +149,9 @@ class WalkingTask:
         plain = reward(simulator.states, reference, simulator.qpos[:, 1])
         self._mean_velocity += (simulator.qvel[:, :2] - self._mean_velocity) / PERIOD
         load = simulator.foot_force[:, :, 2] / self._weight_N
-        guidance = 0.7 * gait_term(simulator.foot_height, load, self._height[phase],
-                                   self._swing[phase])
+        guidance = 0.7 * gait_term(
+            simulator.foot_height, load, self._height[phase], self._swing[phase]
+        )
         guidance += 0.3 * velocity_term(self._mean_velocity, simulator.speed)
         weight = self.parameters.guidance_weight
         self.age += 1

@@ -19,8 +19,10 @@ def capture(run: RecurrentPPO) -> dict:
     task = run.task
     simulator = task.simulator
     arrays = {
-        "age": task.age, "gait_index": task._gait_index,
-        "mean_velocity": task._mean_velocity, "push": simulator._push,
+        "age": task.age,
+        "gait_index": task._gait_index,
+        "mean_velocity": task._mean_velocity,
+        "push": simulator._push,
         "push_steps": simulator._push_steps,
         **{f"snapshot_{name}": value for name, value in simulator.snapshot()._asdict().items()},
     }

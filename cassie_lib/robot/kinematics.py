@@ -46,8 +46,11 @@ class LegKinematics:
         fixed.update(int(model.joint(name).dofadr[0]) for name in _SPRINGS)
         self._free = np.array([dof for dof in range(model.nv) if dof not in fixed])
         self._spring_qpos = np.array([int(model.joint(name).qposadr[0]) for name in _SPRINGS])
-        driven = [int(model.joint(f"{side}-{part}").dofadr[0]) for side in _SIDES
-                  for part in ("hip-roll", "hip-yaw", "hip-pitch", "knee", "foot")]
+        driven = [
+            int(model.joint(f"{side}-{part}").dofadr[0])
+            for side in _SIDES
+            for part in ("hip-roll", "hip-yaw", "hip-pitch", "knee", "foot")
+        ]
         self._passive = np.array([dof for dof in self._free if dof not in driven])
 
     def loop_error(self, qpos: np.ndarray) -> np.ndarray:
@@ -105,10 +108,12 @@ class LegKinematics:
             jacobians.append(jacobian)
         along, along_jacobian = points[1] - points[0], jacobians[1] - jacobians[0]
         length = np.linalg.norm(along)
-        error = np.concatenate([
-            (points[0] + points[1]) / 2 - target.position,
-            [along[2] - target.pitch * length, along[1] - target.yaw * length],
-        ])
+        error = np.concatenate(
+            [
+                (points[0] + points[1]) / 2 - target.position,
+                [along[2] - target.pitch * length, along[1] - target.yaw * length],
+            ]
+        )
         jacobian = np.vstack([(jacobians[0] + jacobians[1]) / 2, along_jacobian[[2, 1]]])
         return error, jacobian
 

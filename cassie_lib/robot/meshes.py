@@ -46,9 +46,18 @@ def load_mesh_model() -> mujoco.MjModel:
         for geom in body.geoms:
             geom.material, geom.rgba = "", (0, 0, 0, 0)
         # The right leg's frames are the left ones' reflections in z.
-        spec.add_mesh(name=body.name, file=str(mesh),
-                      scale=(1, 1, -1 if side == "right" else 1),
-                      inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=body.name, contype=0,
-                      conaffinity=0, mass=0, rgba=_GREY)
+        spec.add_mesh(
+            name=body.name,
+            file=str(mesh),
+            scale=(1, 1, -1 if side == "right" else 1),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=body.name,
+            contype=0,
+            conaffinity=0,
+            mass=0,
+            rgba=_GREY,
+        )
     return spec.compile()

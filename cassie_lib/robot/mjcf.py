@@ -30,8 +30,11 @@ _RODS = (
     ("plantar-rod", (0, 0, 0), (0.35012, 0, 0), 0.007, "metal"),
 )
 _MATERIALS = {
-    "shell": "0.20 0.24 0.30 1", "metal": "0.62 0.65 0.68 1", "spring": "0.85 0.55 0.15 1",
-    "left": "0.10 0.45 0.70 1", "right": "0.84 0.37 0.10 1",
+    "shell": "0.20 0.24 0.30 1",
+    "metal": "0.62 0.65 0.68 1",
+    "spring": "0.85 0.55 0.15 1",
+    "left": "0.10 0.45 0.70 1",
+    "right": "0.84 0.37 0.10 1",
 }
 
 
@@ -47,8 +50,10 @@ def _joint(parent: ET.Element, spec: dict) -> None:
         joint.set("range", _text(spec["range_deg"]))
         joint.set("limited", "true")
     for key, attribute in (
-        ("damping_Nms_per_rad", "damping"), ("armature_kg_m2", "armature"),
-        ("stiffness_Nm_per_rad", "stiffness"), ("reference_deg", "ref"),
+        ("damping_Nms_per_rad", "damping"),
+        ("armature_kg_m2", "armature"),
+        ("stiffness_Nm_per_rad", "stiffness"),
+        ("reference_deg", "ref"),
     ):
         if key in spec:
             joint.set(attribute, _text(spec[key]))
@@ -58,8 +63,13 @@ def _collision(body: ET.Element, shape: dict) -> None:
     name = shape["body"]
     side = name.split("-")[0]
     geom = ET.SubElement(
-        body, "geom", name=f"{name}-collision", type=shape["shape"], mass="0",
-        size=_text(shape["radius_m"]), material=side if side in _MATERIALS else "shell",
+        body,
+        "geom",
+        name=f"{name}-collision",
+        type=shape["shape"],
+        mass="0",
+        size=_text(shape["radius_m"]),
+        material=side if side in _MATERIALS else "shell",
         **_CONTACT[shape["group"]],
     )
     if shape["shape"] == "sphere":
@@ -71,20 +81,32 @@ def _collision(body: ET.Element, shape: dict) -> None:
         for label, point in zip(
             ("toe", "heel"), np.reshape(shape["from_to_m"], (2, 3)), strict=True
         ):
-            ET.SubElement(body, "site", name=f"{side}-{label}", pos=_text(point), size="0.005",
-                          rgba="0 0 0 0")
+            ET.SubElement(
+                body, "site", name=f"{side}-{label}", pos=_text(point), size="0.005", rgba="0 0 0 0"
+            )
 
 
 def _body(parent: ET.Element, spec: dict, parameters: dict, children: dict) -> None:
     body = ET.SubElement(parent, "body", name=spec["body"], pos=_text(spec["position_m"]))
     if "orientation_xyaxes" in spec:
         body.set("xyaxes", _text(spec["orientation_xyaxes"]))
-    ET.SubElement(body, "inertial", pos=_text(spec["com_m"]), mass=_text(spec["mass_kg"]),
-                  fullinertia=_text(spec["inertia_kg_m2_xx_yy_zz_xy_xz_yz"]))
+    ET.SubElement(
+        body,
+        "inertial",
+        pos=_text(spec["com_m"]),
+        mass=_text(spec["mass_kg"]),
+        fullinertia=_text(spec["inertia_kg_m2_xx_yy_zz_xy_xz_yz"]),
+    )
     if spec["parent"] == "world":
         ET.SubElement(body, "freejoint", name="pelvis")
-        ET.SubElement(body, "site", name="imu", pos=_text(parameters["pelvis"]["imu_site_m"]),
-                      size="0.01", rgba="0 0 0 0")
+        ET.SubElement(
+            body,
+            "site",
+            name="imu",
+            pos=_text(parameters["pelvis"]["imu_site_m"]),
+            size="0.01",
+            rgba="0 0 0 0",
+        )
     for joint in parameters["joints"]:
         if joint["body"] == spec["body"]:
             _joint(body, joint)
@@ -96,9 +118,18 @@ def _body(parent: ET.Element, spec: dict, parameters: dict, children: dict) -> N
         if part == name:
             mirror = -1.0 if side == "right" else 1.0
             end = (end[0], end[1], end[2] * mirror) if name == "foot-crank" else end
-            ET.SubElement(body, "geom", type="capsule", size=_text(radius), material=material,
-                          fromto=_text((*start, *end)), mass="0", contype="0", conaffinity="0",
-                          group="1")
+            ET.SubElement(
+                body,
+                "geom",
+                type="capsule",
+                size=_text(radius),
+                material=material,
+                fromto=_text((*start, *end)),
+                mass="0",
+                contype="0",
+                conaffinity="0",
+                group="1",
+            )
     for child in children.get(spec["body"], ()):
         _body(body, child, parameters, children)
 
@@ -107,8 +138,15 @@ def _settings(root: ET.Element, parameters: dict) -> None:
     solver = parameters["solver"]
     solref = _text(solver["contact_and_loop_solref"])
     ET.SubElement(root, "compiler", angle="degree", autolimits="true", inertiafromgeom="false")
-    ET.SubElement(root, "option", timestep=_text(solver["physics_timestep_s"]),
-                  integrator="implicitfast", solver="Newton", iterations="50", gravity="0 0 -9.81")
+    ET.SubElement(
+        root,
+        "option",
+        timestep=_text(solver["physics_timestep_s"]),
+        integrator="implicitfast",
+        solver="Newton",
+        iterations="50",
+        gravity="0 0 -9.81",
+    )
     default = ET.SubElement(root, "default")
     ET.SubElement(default, "geom", solref=solref, condim="3")
     ET.SubElement(default, "equality", solref=solref)
@@ -118,12 +156,36 @@ def _settings(root: ET.Element, parameters: dict) -> None:
     ET.SubElement(visual, "quality", shadowsize="4096")
     ET.SubElement(visual, "map", shadowclip="4")
     asset = ET.SubElement(root, "asset")
-    ET.SubElement(asset, "texture", name="grid", type="2d", builtin="checker", width="300",
-                  height="300", rgb1="0.82 0.84 0.86", rgb2="0.93 0.94 0.95")
-    ET.SubElement(asset, "texture", type="skybox", builtin="gradient", width="64", height="384",
-                  rgb1="1 1 1", rgb2="0.80 0.86 0.93")
-    ET.SubElement(asset, "material", name="floor", texture="grid", texrepeat="10 10",
-                  texuniform="true", reflectance="0")
+    ET.SubElement(
+        asset,
+        "texture",
+        name="grid",
+        type="2d",
+        builtin="checker",
+        width="300",
+        height="300",
+        rgb1="0.82 0.84 0.86",
+        rgb2="0.93 0.94 0.95",
+    )
+    ET.SubElement(
+        asset,
+        "texture",
+        type="skybox",
+        builtin="gradient",
+        width="64",
+        height="384",
+        rgb1="1 1 1",
+        rgb2="0.80 0.86 0.93",
+    )
+    ET.SubElement(
+        asset,
+        "material",
+        name="floor",
+        texture="grid",
+        texrepeat="10 10",
+        texuniform="true",
+        reflectance="0",
+    )
     for name, rgba in _MATERIALS.items():
         ET.SubElement(asset, "material", name=name, rgba=rgba)
 
@@ -133,27 +195,48 @@ def _drives(root: ET.Element, parameters: dict) -> None:
     control = parameters["control"]
     limits = {item["motor"]: item["joint_torque_limit_Nm"] for item in parameters["actuators"]}
     actuator = ET.SubElement(root, "actuator")
-    rows = zip(control["motor_order"], control["neutral_pose_rad"], control["kp_Nm_per_rad"],
-               control["kd_Nms_per_rad"], strict=True)
+    rows = zip(
+        control["motor_order"],
+        control["neutral_pose_rad"],
+        control["kp_Nm_per_rad"],
+        control["kd_Nms_per_rad"],
+        strict=True,
+    )
     for motor, neutral, kp, kd in rows:
         ET.SubElement(
-            actuator, "general", name=motor, joint=motor, gaintype="fixed", biastype="affine",
-            gainprm=_text(kp), biasprm=_text((kp * neutral, -kp, -kd)),
+            actuator,
+            "general",
+            name=motor,
+            joint=motor,
+            gaintype="fixed",
+            biastype="affine",
+            gainprm=_text(kp),
+            biasprm=_text((kp * neutral, -kp, -kd)),
             forcerange=_text((-limits[motor], limits[motor])),
         )
 
 
 def _sensors(root: ET.Element) -> None:
     sensor = ET.SubElement(root, "sensor")
-    ET.SubElement(sensor, "framelinacc", name="pelvis-acceleration", objtype="xbody",
-                  objname="cassie-pelvis")
+    ET.SubElement(
+        sensor, "framelinacc", name="pelvis-acceleration", objtype="xbody", objname="cassie-pelvis"
+    )
     for side in ("left", "right"):
         for end in ("heel", "toe"):
-            ET.SubElement(sensor, "framepos", name=f"{side}-{end}", objtype="site",
-                          objname=f"{side}-{end}")
+            ET.SubElement(
+                sensor, "framepos", name=f"{side}-{end}", objtype="site", objname=f"{side}-{end}"
+            )
     for side in ("left", "right"):
-        ET.SubElement(sensor, "contact", name=f"{side}-foot-force", geom1="floor",
-                      geom2=f"{side}-foot-collision", data="force", reduce="netforce", num="1")
+        ET.SubElement(
+            sensor,
+            "contact",
+            name=f"{side}-foot-force",
+            geom1="floor",
+            geom2=f"{side}-foot-collision",
+            data="force",
+            reduce="netforce",
+            num="1",
+        )
 
 
 def build_mjcf(parameters: dict) -> str:
@@ -168,11 +251,27 @@ def build_mjcf(parameters: dict) -> str:
     root = ET.Element("mujoco", model="cassie")
     _settings(root, parameters)
     world = ET.SubElement(root, "worldbody")
-    ET.SubElement(world, "light", name="sun", pos="-1.5 -1 4", dir="0.35 0.25 -1", mode="trackcom",
-                  type="directional", diffuse="0.5 0.5 0.5")
-    ET.SubElement(world, "geom", name="floor", type="plane", size="0 0 0.25", material="floor",
-                  pos=_text((0, 0, parameters["solver"]["floor_height_m"])), contype="0",
-                  conaffinity="7")
+    ET.SubElement(
+        world,
+        "light",
+        name="sun",
+        pos="-1.5 -1 4",
+        dir="0.35 0.25 -1",
+        mode="trackcom",
+        type="directional",
+        diffuse="0.5 0.5 0.5",
+    )
+    ET.SubElement(
+        world,
+        "geom",
+        name="floor",
+        type="plane",
+        size="0 0 0.25",
+        material="floor",
+        pos=_text((0, 0, parameters["solver"]["floor_height_m"])),
+        contype="0",
+        conaffinity="7",
+    )
     children: dict[str, list[dict]] = {}
     for spec in parameters["bodies"]:
         children.setdefault(spec["parent"], []).append(spec)
@@ -180,8 +279,14 @@ def build_mjcf(parameters: dict) -> str:
         _body(world, spec, parameters, children)
     equality = ET.SubElement(root, "equality")
     for loop in parameters["loop_closures"]:
-        ET.SubElement(equality, "connect", name=f"{loop['body1']}-loop", body1=loop["body1"],
-                      body2=loop["body2"], anchor=_text(loop["anchor_in_body1_m"]))
+        ET.SubElement(
+            equality,
+            "connect",
+            name=f"{loop['body1']}-loop",
+            body1=loop["body1"],
+            body2=loop["body2"],
+            anchor=_text(loop["anchor_in_body1_m"]),
+        )
     _drives(root, parameters)
     _sensors(root)
     ET.indent(root)

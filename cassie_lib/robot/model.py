@@ -62,10 +62,14 @@ def substeps(timestep_s: float) -> int:
 @functools.cache
 def _addresses() -> dict[str, np.ndarray]:
     model = load_model()
-    positions = {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j): model.jnt_qposadr[j]
-                 for j in range(model.njnt)}
-    velocities = {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j): model.jnt_dofadr[j]
-                  for j in range(model.njnt)}
+    positions = {
+        mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j): model.jnt_qposadr[j]
+        for j in range(model.njnt)
+    }
+    velocities = {
+        mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j): model.jnt_dofadr[j]
+        for j in range(model.njnt)
+    }
     return {
         "motor_qpos": np.array([positions[name] for name in MOTOR_NAMES]),
         "motor_qvel": np.array([velocities[name] for name in MOTOR_NAMES]),

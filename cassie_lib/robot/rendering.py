@@ -31,8 +31,16 @@ def _check(qpos) -> np.ndarray:
     return qpos
 
 
-def render(qpos, *, ghost=None, width: int = 640, height: int = 480, distance_m: float = 2.6,
-           azimuth_deg: float = 125.0, elevation_deg: float = -10.0) -> np.ndarray:
+def render(
+    qpos,
+    *,
+    ghost=None,
+    width: int = 640,
+    height: int = 480,
+    distance_m: float = 2.6,
+    azimuth_deg: float = 125.0,
+    elevation_deg: float = -10.0,
+) -> np.ndarray:
     """Render configurations with OpenGL; the camera follows the pelvis.
 
     Args:
@@ -58,7 +66,7 @@ def render(qpos, *, ghost=None, width: int = 640, height: int = 480, distance_m:
         raise RenderingError(f"{SKELETON_VARIABLE} is set: expected it unset for OpenGL pictures")
     try:
         renderer = mujoco.Renderer(model, height, width)
-    except Exception as error:  # noqa: BLE001 - each GL back end raises its own type
+    except Exception as error:
         raise RenderingError(
             f"no OpenGL context ({type(error).__name__}): expected MUJOCO_GL=egl or osmesa on a "
             "machine without a screen"
@@ -83,8 +91,9 @@ def _add_ghost(scene, model, data, option, configuration) -> None:
     data.qpos[:] = configuration
     mujoco.mj_forward(model, data)
     first = scene.ngeom
-    mujoco.mjv_addGeoms(model, data, option, mujoco.MjvPerturb(),
-                        mujoco.mjtCatBit.mjCAT_DYNAMIC, scene)
+    mujoco.mjv_addGeoms(
+        model, data, option, mujoco.MjvPerturb(), mujoco.mjtCatBit.mjCAT_DYNAMIC, scene
+    )
     for index in range(first, scene.ngeom):
         if scene.geoms[index].rgba[3] > 0.0:
             scene.geoms[index].rgba[:] = (0.84, 0.37, 0.0, 0.45)
@@ -122,8 +131,16 @@ def draw_skeleton(axes, qpos, alpha: float = 1.0, offset_m: float = 0.0) -> None
         offset_m: Horizontal shift, to set poses side by side.
     """
     for side, points in body_positions(qpos).items():
-        axes.plot(points[:, 0] + offset_m, points[:, 2] - FLOOR_HEIGHT_M, "-o", ms=2.5, lw=1.8,
-                  color=_COLOURS[side], alpha=alpha, solid_capstyle="round")
+        axes.plot(
+            points[:, 0] + offset_m,
+            points[:, 2] - FLOOR_HEIGHT_M,
+            "-o",
+            ms=2.5,
+            lw=1.8,
+            color=_COLOURS[side],
+            alpha=alpha,
+            solid_capstyle="round",
+        )
     axes.axhline(0.0, color="0.6", lw=0.8, zorder=0)
     axes.set_aspect("equal")
 

@@ -127,12 +127,18 @@ def _components() -> tuple[Component, ...]:
         partners, signs = _mirror_rule(group)
         start = group.slice.start
         for local, label in enumerate(group.labels):
-            name = group.name if label in ("z", "x") and len(group.labels) == 1 else (
-                f"{group.name} {label}"
+            name = (
+                group.name
+                if label in ("z", "x") and len(group.labels) == 1
+                else (f"{group.name} {label}")
             )
             found.append(
                 Component(
-                    start + local, name, group.unit, group.order, start + partners[local],
+                    start + local,
+                    name,
+                    group.unit,
+                    group.order,
+                    start + partners[local],
                     signs[local],
                 )
             )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from cassie_lib import paths
@@ -17,6 +18,7 @@ from cassie_lib.errors import CassieError
 from cassie_lib.files import locked
 from cassie_lib.notebook_run import find_notebook, parse_parameter, run_notebook, short_path
 from cassie_lib.presets import resolve
+from cassie_lib.stamps import stamp_file
 
 #: Notebooks whose stored results a notebook starts from; each computes what is missing itself.
 NEEDS = {
@@ -31,11 +33,6 @@ NEEDS = {
 }
 
 
-def stamp_file(preset: str, number: str) -> Path:
-    """File that says that a notebook is done; it lists the artifacts that it used."""
-    return paths.CACHE / "batch" / preset / f"{number}.done"
-
-
 def select(only: str) -> list[Path]:
     """Notebooks to run: all, or those named by numbers separated by commas.
 
@@ -47,20 +44,13 @@ def select(only: str) -> list[Path]:
     return sorted(paths.NOTEBOOKS.glob("[0-9][0-9]_*.ipynb"))
 
 
-def forget_missing(preset: str, notebooks: list[Path]) -> None:
-    """Have a notebook run again whose executed copy was deleted."""
-    for notebook in notebooks:
-        if not (paths.executed_folder(preset) / notebook.name).exists():
-            stamp_file(preset, notebook.name[:2]).unlink(missing_ok=True)
-
-
 def run_figures(
     preset: str, only: str = "", recompute: str = "", jobs: int = 1, extra: tuple[str, ...] = ()
 ) -> int:
     """Bring the notebooks up to date in the order of what they need.
 
     A notebook is run when it has not been run with this preset, or when it, the library, the lock
-    or an artifact of a notebook that it needs has changed.  A killed run goes on where it was.
+    or an artifact that it used has changed since.  A killed run goes on where it was.
 
     Args:
         preset: Name of the preset; ``CASSIE_PRESET`` overrides it.
@@ -80,18 +70,21 @@ def run_figures(
     requested_stages(recompute)
     config = [f"preset={preset}", "only=" + "+".join(path.name[:2] for path in notebooks)]
     if recompute:
-        config.append(f"since={begin_request(recompute, preset)!r}")
-        config.append("recompute=" + recompute.replace(",", "+"))
+        begun = time.time()
+        since = begin_request(recompute, preset)
+        config += [f"since={since!r}", "recompute=" + recompute.replace(",", "+")]
+        if since >= begun:  # not the rest of an interrupted request
+            for notebook in notebooks:
+                stamp_file(preset, notebook.name[:2]).unlink(missing_ok=True)
     command = [
         sys.executable, "-m", "snakemake", "--snakefile", str(paths.SNAKEFILE), "--directory",
-        str(paths.CACHE / "batch"), "--cores", str(jobs), "--rerun-triggers", "mtime", "params",
+        str(paths.CACHE / "batch"), "--cores", str(jobs), "--rerun-triggers", "params",
         "--rerun-incomplete", "--keep-going", "--nolock", "--quiet", "all",
         *extra, "--config", *config,
     ]  # fmt: skip
     (paths.CACHE / "batch").mkdir(parents=True, exist_ok=True)
     # Snakemake's own lock would outlive a kill; this one does not.
     with locked(paths.CACHE / "locks" / f"batch-{preset}.lock", f"it runs preset {preset}"):
-        forget_missing(preset, notebooks)
         code = subprocess.run(command, check=False).returncode
     if code == 0:
         print(f"up to date: {', '.join(path.stem for path in notebooks)}")

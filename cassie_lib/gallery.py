@@ -50,6 +50,8 @@ def _mathml(found: re.Match[str]) -> str:
         return code
     kind = "block" if display is not None else "inline"
     formula = convert(" ".join((display or inline).split()), display=kind)
+    # HTML needs no name space, and in a heading the converter would turn it into a prefix.
+    formula = re.sub(r' xmlns="[^"]*"', "", formula)
     # Markdown must not read these inside the formula as emphasis.
     return formula.replace("*", "&#42;").replace("_", "&#95;")
 

@@ -21,6 +21,7 @@ from cassie_lib.errors import CassieError, ParameterError, unknown_name
 from cassie_lib.files import write_text
 from cassie_lib.presets import resolve
 from cassie_lib.provenance import CHANGED
+from cassie_lib.stamps import inputs_hash, write_stamp
 
 
 class NotebookError(CassieError):
@@ -147,7 +148,7 @@ def run_notebook(
         preset: Name of the preset; ``CASSIE_PRESET`` overrides it.
         parameters: Further parameters; they send the results to the cache.
         recompute: Stages to compute anew, and since when (Unix time).
-        stamp: File to write at the end: the artifacts that were used.
+        stamp: File to write at the end, see :mod:`cassie_lib.stamps`.
 
     Returns:
         The executed notebook.
@@ -176,12 +177,13 @@ def run_notebook(
         **headless_rendering(),
     }
     print(f"[{notebook.stem}] started, preset {preset}", flush=True)
-    begun = time.time()
+    begun, inputs = time.time(), inputs_hash(notebook)
     try:
         with _environment(environment):
             papermill.execute_notebook(
-                notebook, partial, injected, kernel_name="python3", cwd=paths.NOTEBOOKS,
-                progress_bar=_progress(notebook.stem), start_timeout=180, config=_kernel_settings(),
+                notebook, partial, injected, kernel_name="python3", language="python",
+                cwd=paths.NOTEBOOKS, progress_bar=_progress(notebook.stem), start_timeout=180,
+                config=_kernel_settings(),
             )  # fmt: skip
     except papermill.PapermillExecutionError as error:
         failed = paths.CACHE / "failed" / notebook.name
@@ -189,15 +191,15 @@ def run_notebook(
         partial.replace(failed)
         used.unlink(missing_ok=True)
         raise NotebookError(
-            f"{notebook.name}, cell {error.exec_count}: {error.ename}: {error.evalue}; "
+            f"{notebook.name}, In [{error.exec_count}]: {error.ename}: {error.evalue}; "
             f"executed so far: {short_path(failed)}"
         ) from None
     seconds = time.time() - begun
     write_text(target, _cleaned(partial, seconds))
     partial.unlink()
     if stamp is not None:
-        lines = set(used.read_text(encoding="utf-8").split("\n")) if used.exists() else set()
-        write_text(stamp, "\n".join(sorted(lines)).strip() + "\n")
+        lines = used.read_text(encoding="utf-8").splitlines() if used.exists() else []
+        write_stamp(stamp, inputs, lines)
     used.unlink(missing_ok=True)
     print(f"[{notebook.stem}] done in {seconds / 60:.1f} min: {short_path(target)}", flush=True)
     return target

@@ -193,13 +193,14 @@ def _gait_measures(recording: Recording, episode: int, begin: int, length: int) 
 
 def _alternation(height: np.ndarray, loaded: np.ndarray) -> float:
     """Share of successive touch-downs, after a real lift, that are of the other foot."""
-    sequence, lifted = [], [False, False]
+    sequence, lifted = [], np.zeros(2, dtype=bool)
     for row in range(len(height)):
-        for foot in (0, 1):
-            lifted[foot] |= height[row, foot] > _STEP_LIFT_M and not loaded[row, foot]
-            if lifted[foot] and loaded[row, foot]:
-                sequence.append(foot)
-                lifted[foot] = False
+        lifted |= (height[row] > _STEP_LIFT_M) & ~loaded[row]
+        landed = lifted & loaded[row]
+        if landed.any():
+            # Both at once is a hop: a foot of its own, which never changes.
+            sequence.append(2 if landed.all() else int(landed[1]))
+        lifted &= ~landed
     if len(sequence) < 2:
         return 0.0
     return float(np.mean(np.diff(sequence) != 0))

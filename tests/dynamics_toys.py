@@ -11,8 +11,8 @@ from cassie_lib.presets import CausalParameters, MLPParameters, TransformerParam
 from cassie_lib.robot import schema
 
 CAUSAL = CausalParameters(
-    context=6, model_size=16, heads=2, layers=2, feedforward_size=32, horizon=4, steps=30,
-    batch_size=8, validation_steps=10, validation_windows=8, max_minutes=0.0,
+    context=6, model_size=16, heads=2, layers=2, feedforward_size=32, horizon=4, steps=16,
+    batch_size=8, mirror=False, validation_steps=5, validation_windows=8, max_minutes=0.0,
     checkpoint_seconds=0.0,
 )
 TRANSFORMER = TransformerParameters(

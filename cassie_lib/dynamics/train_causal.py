@@ -78,7 +78,8 @@ class _CausalLoop:
 
     @property
     def progress(self) -> float:
-        return max(self.run.step / max(1, self.parameters.steps), self.run.budget.share)
+        steps = self.parameters.steps
+        return max(self.run.step / steps if steps else 1.0, self.run.budget.share)
 
     def train(self, callback: Callable[[int, CausalModel], None] | None) -> None:
         while (progress := self.progress) < 1.0:

@@ -1,0 +1,64 @@
+"""What the README names exists."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from cassie_lib import paths, results
+
+TEXT = paths.README.read_text(encoding="utf-8")
+NOTATION = TEXT.split("## Notation")[1].split("\n## ")[0]
+SOURCE = "\n".join(path.read_text(encoding="utf-8") for path in paths.PACKAGE.rglob("*.py"))
+
+
+def test_the_results_block_is_the_generated_one():
+    assert TEXT.count(results.BEGIN) == TEXT.count(results.END) == 1
+    block = TEXT.split(results.BEGIN)[1].split(results.END)[0]
+    assert block.strip() == results.results_table().strip(), "python -m cassie_lib.figures readme"
+
+
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"`(\w+)`", NOTATION))))
+def test_code_names_of_the_notation_table_exist(name):
+    assert re.search(rf"\b{name}\b", SOURCE)
+
+
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"`([\w/]+\.py)`", TEXT))))
+def test_files_of_the_readme_exist(name):
+    assert (paths.ROOT / name).exists() or (paths.PACKAGE / name).exists()
+
+
+def test_make_targets_and_options_exist():
+    makefile = (paths.ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in set(re.findall(r"make (figures|test|setup|gallery)", TEXT)):
+        assert re.search(rf"^{target}:", makefile, re.M)
+    for option in set(re.findall(r"make \w+ ([A-Z_]+)=", TEXT)):
+        assert re.search(rf"^{option} \?=", makefile, re.M)
+
+
+def test_the_symbols_of_the_thesis_are_all_there():
+    for symbol in (
+        "s_t",
+        "a_t",
+        "H",
+        "τ",
+        "N, K, C",
+        "G",
+        "φ",
+        "M",
+        "ψ",
+        "λ",
+        "w",
+        "γ",
+        "μ0",
+        "π*",
+        "ρ",
+    ):
+        assert re.search(rf"^\| [^|]*{re.escape(symbol)}", NOTATION, re.M), symbol
+
+
+def test_links_lead_somewhere():
+    for target in re.findall(r"\]\(([^)#:]+)\)", TEXT):
+        if target not in ("figures/walking.gif", "figures/executed", "figures/results.json"):
+            assert (paths.ROOT / target).exists(), target

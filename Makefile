@@ -1,5 +1,6 @@
 # make figures   every notebook's figures, from cached artifacts where there are any
 # make test      ruff, pytest and all notebooks at the smoke preset
+# make lint      ruff and types
 #
 # Options of make figures: PRESET=smoke|laptop|thesis  ONLY=01,05  RECOMPUTE=all|expert,data  JOBS=2
 #   SNAKEMAKE="--executor slurm"   further arguments for Snakemake
@@ -34,8 +35,9 @@ figures: $(STAMP)
 # The notebooks check themselves; nbval cannot inject a preset, hence the variable.
 test: export OMP_NUM_THREADS ?= 1
 test: export OPENBLAS_NUM_THREADS ?= 1
-test: lint
-	$(BIN)/python -m pytest -q --cov --cov-report=term tests
+test: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/python -m pytest -q --cov --cov-report=term:skip-covered tests
 	CASSIE_PRESET=smoke $(BIN)/python -m pytest -q -p no:cacheprovider --nbval-lax --nbval-current-env notebooks
 
 lint: $(STAMP)

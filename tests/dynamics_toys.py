@@ -65,10 +65,10 @@ def make_actions(episodes=2, candidates=3, steps=4, seed=0, dtype=torch.float32)
     return 0.2 * torch.randn(shape, generator=generator, dtype=dtype)
 
 
-def randomise(model: torch.nn.Module, seed=0) -> torch.nn.Module:
+def randomise(model: torch.nn.Module, seed=0, scale=0.2) -> torch.nn.Module:
     """Give every weight a value, also those that start at zero."""
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
         for parameter in model.parameters():
-            parameter.add_(0.2 * torch.randn(parameter.shape, generator=generator))
+            parameter.add_(scale * torch.randn(parameter.shape, generator=generator))
     return model

@@ -5,8 +5,9 @@ size automatic differentiation spends most of its time on bookkeeping, not on ar
 weights fixed only the gradient in the actions is needed, and the chain rule through one layer is
 short.  Same numbers as :meth:`CausalModel.rollout` (tested), a multiple of its speed.
 
-Rows are candidates: R = E * N.  Keys and values of a candidate's own steps lie in buffers of T
-steps, so that nothing is copied when a step is added.
+Rows are candidates: R = E * N.  Keys and values of the candidates' own steps lie in buffers
+``(T, E * heads * N, d)``, so that nothing is copied when a step is added; with so few keys the
+products are faster element by element than as a thousand tiny matrices.
 """
 
 from __future__ import annotations
@@ -58,15 +59,14 @@ class _Layer:
         self.block, self.shape = block, (episodes, candidates, heads, size)
         self.keys, self.values = keys.flatten(0, 1), values.flatten(0, 1)
         rows = episodes * heads * candidates
-        self.own_keys = keys.new_empty(rows, steps, size)
-        self.own_values = keys.new_empty(rows, steps, size)
+        self.own_keys = keys.new_empty(steps, rows, size)
+        self.own_values = keys.new_empty(steps, rows, size)
         self.past = past
         self.norms = _Norm(block.norm_attention), _Norm(block.norm_feedforward)
         ahead = torch.arange(past + steps, device=keys.device).flip(0)
         # Step s uses the entries from steps - 1 - s on: oldest key first, the query itself last.
         bias = block.bias(ahead).repeat(episodes, 1)[:, None]
-        self.past_bias = bias
-        self.own_bias = bias[..., past:].repeat_interleave(candidates, dim=0)
+        self.bias = bias
         self.steps = steps
         self.saved: list[Any] = []
         self.key_gradient = self.value_gradient = None
@@ -83,25 +83,25 @@ class _Layer:
         split = split.view(parts, episodes, heads, candidates, size).permute(1, 3, 0, 2, 4)
         return split.reshape(episodes * candidates, parts * heads * size)
 
+    def _recent(self, scores: Tensor) -> Tensor:
+        """Own part of scores ``(E * heads, N, M + J)``, as ``(J, E * heads * N, 1)``."""
+        return scores[..., self.past :].permute(2, 0, 1).reshape(-1, self.own_keys.shape[1], 1)
+
     def forward(self, x: Tensor, step: int) -> Tensor:
         """Rows ``(R, size)`` of one step."""
         block, saved = self.block, self.saved
         projected = block.projection(self.norms[0].forward(x, saved))
         q, k, v = self._heads(projected, 3).unbind(0)
-        size, first = q.shape[-1], self.steps - 1 - step
-        flat = q.view(-1, 1, size)
-        self.own_keys[:, step] = k.view(-1, size)
-        self.own_values[:, step] = v.view(-1, size)
-        keys, values = self.own_keys[:, : step + 1], self.own_values[:, : step + 1]
-        bias = self.past_bias[..., first : first + self.past]
-        shared = torch.baddbmm(bias, q, self.keys.transpose(1, 2), alpha=block.scale)
-        bias = self.own_bias[..., first:]
-        own = torch.baddbmm(bias, flat, keys.transpose(1, 2), alpha=block.scale)
-        own = own.view(*q.shape[:2], step + 1)
+        flat, first = q.view(-1, q.shape[-1]), self.steps - 1 - step
+        self.own_keys[step], self.own_values[step] = k.view_as(flat), v.view_as(flat)
+        past_bias, own_bias = self.bias[..., first:].split((self.past, step + 1), dim=-1)
+        shared = torch.baddbmm(past_bias, q, self.keys.transpose(1, 2), alpha=block.scale)
+        own = (self.own_keys[: step + 1] * (flat * block.scale)).sum(-1)
+        own = own.view(step + 1, *q.shape[:2]).permute(1, 2, 0) + own_bias
         weights = torch.cat([shared, own], dim=-1).softmax(dim=-1)
-        recent = weights[..., self.past :].reshape(-1, 1, step + 1)
-        attended = torch.bmm(weights[..., : self.past], self.values).view(-1, 1, size)
-        attended = torch.baddbmm(attended, recent, values)
+        recent = self._recent(weights) * self.own_values[: step + 1]
+        attended = torch.bmm(weights[..., : self.past], self.values)
+        attended += recent.sum(0).view_as(attended)
         x = x + block.output(self._rows(attended))
         hidden = block.expand(self.norms[1].forward(x, saved))
         saved.append((q, weights, hidden))
@@ -122,22 +122,19 @@ class _Layer:
         if self.key_gradient is None:
             self.key_gradient = torch.zeros_like(self.own_keys)
             self.value_gradient = torch.zeros_like(self.own_values)
-        size, scale, seen = q.shape[-1], self.block.scale, slice(0, step + 1)
-        flat = g.view(-1, 1, size)
-        keys, values = self.own_keys[:, seen], self.own_values[:, seen]
-        recent = weights[..., self.past :].reshape(-1, step + 1, 1)
-        self.value_gradient[:, seen].baddbmm_(recent, flat)
-        own = torch.bmm(flat, values.transpose(1, 2)).view(*q.shape[:2], step + 1)
+        scale, seen = self.block.scale, slice(0, step + 1)
+        flat, incoming = q.view(-1, q.shape[-1]), g.view(-1, q.shape[-1])
+        self.value_gradient[seen].addcmul_(self._recent(weights), incoming)
+        own = (self.own_values[seen] * incoming).sum(-1).view(step + 1, *q.shape[:2])
         shared = torch.bmm(g, self.values.transpose(1, 2))
         scores = _aten._softmax_backward_data(
-            torch.cat([shared, own], dim=-1), weights, -1, weights.dtype
+            torch.cat([shared, own.permute(1, 2, 0)], dim=-1), weights, -1, weights.dtype
         )
-        own = scores[..., self.past :].reshape(-1, 1, step + 1)
-        query = torch.bmm(scores[..., : self.past], self.keys).view(-1, 1, size)
-        query = torch.baddbmm(query, own, keys, beta=scale, alpha=scale).view(q.shape)
-        back = own.transpose(1, 2)
-        self.key_gradient[:, seen].baddbmm_(back, q.view(-1, 1, size), alpha=scale)
-        grown = [part[:, step].view(q.shape) for part in (self.key_gradient, self.value_gradient)]
+        own = self._recent(scores)
+        self.key_gradient[seen].addcmul_(own, flat, value=scale)
+        query = torch.bmm(scores[..., : self.past], self.keys)
+        query = (query + (own * self.own_keys[seen]).sum(0).view_as(query)) * scale
+        grown = [part[step].view_as(q) for part in (self.key_gradient, self.value_gradient)]
         return self._rows(torch.stack([query, *grown]), 3)
 
 

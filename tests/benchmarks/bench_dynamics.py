@@ -17,7 +17,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dynamics_toys import make_actions, make_history, oscillators
+from dynamics_toys import make_actions, make_history, oscillators, randomise
 
 from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.dynamics.multi_step import multi_step
@@ -42,7 +42,7 @@ def make_models():
     """Causal and encoder-decoder model of the laptop preset on toy statistics."""
     preset = get_preset("laptop")
     normalisation = Normalisation.from_transitions(oscillators())
-    causal = CausalModel(preset.causal, normalisation)
+    causal = randomise(CausalModel(preset.causal, normalisation), scale=0.02)
     transformer = TransformerModel(preset.transformer, normalisation)
     return causal.eval().requires_grad_(False), transformer.eval().requires_grad_(False)
 

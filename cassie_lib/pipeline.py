@@ -12,37 +12,57 @@ from pathlib import Path
 
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
 from cassie_lib.data import Episodes, collect, collect_noise_study, open_dataset
+from cassie_lib.dynamics.store import save_model
+from cassie_lib.dynamics.training import Training, train_causal, train_mlp, train_transformer
 from cassie_lib.dynamics.windows import Transitions
 from cassie_lib.errors import unknown_name
 from cassie_lib.expert.policy import Expert, load_expert, save_expert
 from cassie_lib.expert.ppo import RecurrentPPO
 from cassie_lib.files import plain, write_json
-from cassie_lib.presets import CollectionParameters, DataParameters, Preset
+from cassie_lib.presets import (
+    CollectionParameters,
+    DataParameters,
+    ExpertParameters,
+    Preset,
+    replace,
+)
 
 #: Names of the data sets of a preset.
 DATASETS = tuple(
     item.name for item in fields(DataParameters) if isinstance(item.default, CollectionParameters)
 )
 
+#: Training curves of a model: epoch, step, seconds, metric, value.
+TRAINING_LOG = "timing_log.csv"
+
 
 def expert_artifact(preset: Preset) -> Artifact:
     """The expert pi* of section 4.3.1: weights, card and ``timing_log.csv``."""
+    return _trained_policy(preset, preset.expert)
+
+
+def reward_only_artifact(preset: Preset) -> Artifact:
+    """A policy trained on Eq 3.10 alone at 0.0509 m/s, which learns to stand still."""
+    return _trained_policy(preset, preset.reward_only_expert)
+
+
+def _trained_policy(preset: Preset, parameters: ExpertParameters) -> Artifact:
     timestep_s = preset.simulation.training_timestep_s
 
     def compute(folder: Path) -> None:
         work = folder / WORK
         work.mkdir(parents=True, exist_ok=True)
-        run = RecurrentPPO(preset.expert, timestep_s)
+        run = RecurrentPPO(parameters, timestep_s)
         policy = run.train(work)
         # Wall times stay out of the card: they would make equal weights look different.
-        card = {"parameters": plain(preset.expert), "timestep_s": timestep_s, "steps": run.steps}
+        card = {"parameters": plain(parameters), "timestep_s": timestep_s, "steps": run.steps}
         save_expert(policy, folder, card)
         shutil.copyfile(work / "log.csv", folder / "timing_log.csv")
         write_json(folder / "timing.json", {"training_s": run.seconds})
 
     return load_or_compute(
-        "expert", {"expert": preset.expert, "timestep_s": timestep_s}, compute,
-        preset=preset.name, seed=preset.expert.seed, kept=True,
+        "expert", {"expert": parameters, "timestep_s": timestep_s}, compute,
+        preset=preset.name, seed=parameters.seed, kept=True,
     )  # fmt: skip
 
 
@@ -112,13 +132,101 @@ def noise_study_artifact(preset: Preset) -> Artifact:
     )  # fmt: skip
 
 
+def baseline_sets(preset: Preset) -> tuple[Transitions, Transitions, Transitions]:
+    """Training, validation and test set of section 5.1.1.
+
+    The first 70 % of the collection train, the last 30 % validate; the test set was collected at
+    another noise level.
+    """
+    train, validation = dataset(preset, "baseline").split(0.7, 0.3)
+    test = dataset(preset, "baseline_test")
+    return as_transitions(train), as_transitions(validation), as_transitions(test)
+
+
+def mlp_artifact(preset: Preset, *, curriculum: bool = False, seed: int | None = None) -> Artifact:
+    """The fully connected baseline of section 5.1.1: weights, card and ``timing_log.csv``.
+
+    Args:
+        preset: The preset.
+        curriculum: False for Figure 5.1, True for Figure 5.2.
+        seed: Of the weights and the order of the batches; default the preset's.
+    """
+    parameters = preset.mlp if seed is None else replace(preset.mlp, seed=seed)
+    upstream = [dataset_artifact(preset, name) for name in ("baseline", "baseline_test")]
+
+    def compute(folder: Path) -> None:
+        train, validation, test = baseline_sets(preset)
+        work = _work(folder)
+        trained = train_mlp(
+            train, parameters, validation=validation, test=test, curriculum=curriculum, folder=work
+        )
+        _store(folder, trained)
+
+    return load_or_compute(
+        "mlp", {"mlp": parameters, "curriculum": curriculum}, compute, upstream, preset=preset.name,
+        seed=parameters.seed,
+    )  # fmt: skip
+
+
+def transformer_artifact(preset: Preset) -> Artifact:
+    """The thesis's transformer of section 5.1.2: weights, card and ``timing_log.csv``."""
+    names = ("train", "validation", "test")
+
+    def compute(folder: Path) -> None:
+        train, validation, test = (transitions(preset, name) for name in names)
+        work = _work(folder)
+        trained = train_transformer(
+            train, preset.transformer, validation=validation, test=test, folder=work
+        )
+        _store(folder, trained)
+
+    return load_or_compute(
+        "transformer", preset.transformer, compute,
+        [dataset_artifact(preset, name) for name in names], preset=preset.name, kept=True,
+    )  # fmt: skip
+
+
+def causal_artifact(preset: Preset) -> Artifact:
+    """The causal model, trained on the thesis's training set and on the wide one."""
+    names = ("train", "wide", "validation")
+
+    def compute(folder: Path) -> None:
+        train, wide, validation = (transitions(preset, name) for name in names)
+        work = _work(folder)
+        trained = train_causal([train, wide], preset.causal, validation=validation, folder=work)
+        _store(folder, trained)
+
+    return load_or_compute(
+        "causal", preset.causal, compute,
+        [dataset_artifact(preset, name) for name in names], preset=preset.name, kept=True,
+    )  # fmt: skip
+
+
+def _work(folder: Path) -> Path:
+    (folder / WORK).mkdir(parents=True, exist_ok=True)
+    return folder / WORK
+
+
+def _store(folder: Path, trained: Training) -> None:
+    """Weights and card count as content; the log holds wall times and does not."""
+    save_model(folder, trained.model, {"steps": trained.steps, "skipped": trained.skipped})
+    trained.log.path = folder / TRAINING_LOG
+    trained.log.flush()
+
+
 __all__ = [
+    "TRAINING_LOG",
     "DATASETS",
     "as_transitions",
+    "baseline_sets",
+    "causal_artifact",
     "dataset",
     "dataset_artifact",
     "expert",
     "expert_artifact",
+    "mlp_artifact",
     "noise_study_artifact",
+    "reward_only_artifact",
+    "transformer_artifact",
     "transitions",
 ]

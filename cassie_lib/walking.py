@@ -82,11 +82,42 @@ class ReferencePlayback:
 
 
 class Push(NamedTuple):
-    """An external push: ``impulse (3,)`` N s at the pelvis from control step ``step`` on."""
+    """An external push on the pelvis.
+
+    Attributes:
+        step: First control step of the push.
+        impulse: N s in the world frame.
+        duration_steps: Control steps over which it is spread; 4 are 0.12 s.
+        spread_steps: The episodes are pushed at even intervals within this many control steps
+            after ``step``, so that a whole gait cycle (28) can be covered.
+        both_sides: Whether every other episode is pushed to the other side.
+    """
 
     step: int
     impulse: tuple[float, float, float]
     duration_steps: int = 4
+    spread_steps: int = 0
+    both_sides: bool = False
+
+    def apply(self, simulator: Simulator, step: int) -> None:
+        """Push the robots whose turn it is at this control step."""
+        order = np.arange(simulator.count)
+        due = np.flatnonzero(self.step + order * self.spread_steps // simulator.count == step)
+        if len(due):
+            sign = np.where(self.both_sides & (order[due] % 2 == 1), -1.0, 1.0)
+            impulse = np.array(self.impulse) * np.stack(
+                [np.ones(len(due)), sign, np.ones(len(due))], axis=1
+            )
+            simulator.push(impulse, self.duration_steps, due)
+
+    def __str__(self) -> str:
+        """One phrase for a protocol line."""
+        size = float(np.linalg.norm(self.impulse))
+        return (
+            f"push of {size:g} N s at step {self.step}"
+            + (f" to {self.step + self.spread_steps}" if self.spread_steps else "")
+            + (", left and right in turn" if self.both_sides else "")
+        )
 
 
 @dataclass(frozen=True)
@@ -181,8 +212,8 @@ def run_episodes(
     tape = _Tape(episodes, steps, reference or gait.walk(speed_mps))
     tape.write_state(0, simulator)
     for step in range(steps):
-        if push is not None and step == push.step:
-            simulator.push(push.impulse, push.duration_steps)
+        if push is not None:
+            push.apply(simulator, step)
         observation = Observation(
             simulator.states,
             simulator.physics.copy(),
@@ -202,7 +233,7 @@ def run_episodes(
         f"from s0, {episodes} episodes of {steps} control steps "
         f"({steps * CONTROL_PERIOD_S:.1f} s), {timestep_s * 1e3:g} ms physics, "
         f"initial velocities N(0, {perturbation:g}), action noise {noise_std_rad:g} rad"
-        + (f", push {push.impulse} N s at step {push.step}" if push else "")
+        + (f", {push}" if push else "")
     )
     return tape.recording(speed_mps, protocol)
 

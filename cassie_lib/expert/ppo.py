@@ -116,6 +116,17 @@ class RecurrentPPO:
         self.steps, self.seconds, self.input_count = 0, 0.0, 0.0
 
     @property
+    def action_std_rad(self) -> float:
+        """Exploration noise: constant until 55 % of the training, at its final value from 80 % on.
+
+        A policy trained to the end with 0.13 rad tracks its speed with that noise and walks
+        0.1 m/s too fast without it.
+        """
+        p = self.parameters
+        late = float(np.clip((self.task.progress - 0.55) / 0.25, 0.0, 1.0))
+        return p.action_std_rad + late * (p.final_action_std_rad - p.action_std_rad)
+
+    @property
     def identity(self) -> str:
         """What must agree for a checkpoint to be resumed."""
         return f"expert {self.parameters} timestep_s={self.timestep_s}"
@@ -192,7 +203,7 @@ class RecurrentPPO:
             value, critic = policy.critic(inputs, self.memory[1], starts)
             self.memory = (actor, critic)
             noise = torch.randn(p.robots, ACTION_SIZE, generator=self.generator)
-            action = mean[0] + p.action_std_rad * noise
+            action = mean[0] + self.action_std_rad * noise
             reward, plain, failed, expired = task.step(action.double().numpy())
             reward = torch.as_tensor(reward / _VALUE_SCALE, dtype=torch.float32)
             states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
@@ -235,7 +246,7 @@ class RecurrentPPO:
 
     def _log_probability(self, actions: Tensor, mean: Tensor) -> Tensor:
         """Gaussian log density up to a constant, which cancels in every ratio."""
-        return -0.5 * (((actions - mean) / self.parameters.action_std_rad) ** 2).sum(-1)
+        return -0.5 * (((actions - mean) / self.action_std_rad) ** 2).sum(-1)
 
     def _learn_statistics(self, states: Tensor) -> None:
         """Running mean and standard deviation of the inputs (Welford, batched)."""

@@ -13,8 +13,8 @@ from cassie_lib.simulator import S0_PHASE, S0_SPEED_MPS, Simulator
 
 #: How sharply a wrong foot height costs (1/m): 3 cm off keep 0.5 of the term.
 _FOOT_SHARPNESS = 25.0
-#: A tenth of the weight on a swinging foot leaves 0.37 of the term.
-_LOAD_SHARPNESS = 10.0
+#: A tenth of the weight on a swinging foot leaves 0.22 of the term.
+_LOAD_SHARPNESS = 15.0
 #: 0.1 m/s off keep 0.67 of the term.
 _VELOCITY_SHARPNESS = 4.0
 #: Share of the training during which a foot that strays ends the episode.
@@ -38,7 +38,7 @@ def gait_term(foot_height_m, foot_load, reference_height_m, swing) -> np.ndarray
     """
     height = np.exp(-_FOOT_SHARPNESS * np.abs(foot_height_m - reference_height_m))
     unloaded = np.exp(-_LOAD_SHARPNESS * np.maximum(foot_load, 0.0))
-    return 0.5 * (height + np.where(swing, unloaded, 1.0 - unloaded)).mean(axis=1)
+    return (0.4 * height + 0.6 * np.where(swing, unloaded, 1.0 - unloaded)).mean(axis=1)
 
 
 def velocity_term(mean_velocity_mps, speed_mps) -> np.ndarray:
@@ -137,11 +137,9 @@ class WalkingTask:
                 self.rng.random(simulator.count) < 1.0 / self.parameters.push_interval_steps
             )
             if len(struck):
-                direction = self.rng.uniform(0.0, 2.0 * np.pi, len(struck))
-                size = self.rng.uniform(0.0, push_limit, len(struck))
-                impulse = size[:, None] * np.stack(
-                    [0.5 * np.cos(direction), np.sin(direction), np.zeros(len(struck))], axis=1
-                )
+                # Mostly sideways, where a biped's feet are in each other's way.
+                size = self.rng.uniform(-1.0, 1.0, (len(struck), 2)) * push_limit
+                impulse = size @ np.array([[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]])
                 simulator.push(impulse, indices=struck)
         simulator.step(actions)
         phase, chosen = simulator.phase, self._gait_index

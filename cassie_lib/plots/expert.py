@@ -1,0 +1,156 @@
+"""Figures of notebook 02: how the expert was trained, how it walks, and the trap in the reward."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
+from cassie_lib.robot.model import parameters
+from cassie_lib.robot.schema import CONTROL_PERIOD_S, GRAVITY
+from cassie_lib.walking import Recording
+
+#: Updates over which the learning curve is averaged.
+_SMOOTHING = 10
+
+
+def read_log(path: Path) -> dict[str, np.ndarray]:
+    """A long-form training log as columns by metric, and ``step`` and ``seconds``."""
+    with open(path, newline="") as file:
+        rows = list(csv.DictReader(file))
+    columns: dict[str, list[float]] = {}
+    for row in rows:
+        columns.setdefault(row["metric"], []).append(float(row["value"]))
+    first = rows[0]["metric"]
+    found = {name: np.array(values) for name, values in columns.items()}
+    for key in ("step", "seconds"):
+        found[key] = np.array([float(row[key]) for row in rows if row["metric"] == first])
+    return found
+
+
+def _smooth(values: np.ndarray) -> np.ndarray:
+    width = min(_SMOOTHING, len(values))
+    return np.convolve(values, np.ones(width) / width, mode="valid")
+
+
+def plot_learning_curves(logs: dict[str, dict[str, np.ndarray]], standing_reward: float):
+    """Plain Eq 3.10 during training against the wall clock.
+
+    Args:
+        logs: Logs of :func:`read_log` by label.
+        standing_reward: Eq 3.10 of standing still, drawn as a line.
+
+    Returns:
+        The figure and its data.
+    """
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH_IN, 2.5))
+    data = {}
+    for label, log in logs.items():
+        minutes = _smooth(log["seconds"]) / 60.0
+        reward, failures = _smooth(log["plain_reward"]), _smooth(log["falls"])
+        left.plot(minutes, reward, label=label)
+        right.semilogy(minutes, np.maximum(failures, 1e-5), label=label)
+        data[label] = {"minutes": minutes, "reward": reward, "failures_per_step": failures}
+    left.axhline(standing_reward, color="0.4", ls=":", lw=1.0)
+    left.text(0.0, standing_reward, " standing still", fontsize=6, va="bottom", color="0.3")
+    left.set_ylabel("Eq 3.10 per step, with noise")
+    right.set_ylabel("failures per control step")
+    for ax in (left, right):
+        ax.set_xlabel("wall clock (min, 2 cores)")
+    left.legend(loc="lower right", fontsize=6.5)
+    return figure, data
+
+
+def plot_contact_forces(recording: Recording, steps: slice, episode: int = 0):
+    """Contact forces on the left foot along three axes (thesis Figure 6.1).
+
+    Args:
+        recording: Episodes of the expert.
+        steps: Control steps to show.
+        episode: Which episode.
+
+    Returns:
+        The figure and its data.
+    """
+    import matplotlib.pyplot as plt
+
+    force = recording.foot_force[episode, steps, 0]
+    time = CONTROL_PERIOD_S * np.arange(*steps.indices(recording.foot_force.shape[1]))
+    weight = GRAVITY * sum(body["mass_kg"] for body in parameters()["bodies"])
+    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_WIDTH_IN, 3.6), sharex=True)
+    names = ("forward x", "sideways y", "vertical z")
+    for ax, name, values in zip(axes, names, force.T, strict=True):
+        ax.plot(time, values, "-", color=COLOURS["blue"])
+        ax.set_ylabel(f"{name} (N)")
+    axes[2].axhline(weight, color="0.4", ls=":", lw=1.0)
+    axes[2].text(time[0], weight, " body weight", fontsize=6, va="bottom", color="0.3")
+    axes[2].set_xlabel("time (s)")
+    axes[0].set_title("left foot, mean over each control step of 0.03 s")
+    return figure, {"time_s": time, "x_N": force[:, 0], "y_N": force[:, 1], "z_N": force[:, 2]}
+
+
+def plot_foot_heights(recordings: dict[str, Recording], steps: slice, episode: int = 0):
+    """Sole heights and reward of several policies side by side: the trap in the reward.
+
+    Args:
+        recordings: Recordings by label.
+        steps: Control steps to show.
+        episode: Which episode.
+
+    Returns:
+        The figure and its data.
+    """
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, len(recordings), figsize=(COLUMN_WIDTH_IN, 3.6), sharex=True,
+                                sharey="row")  # fmt: skip
+    data = {}
+    for (top, bottom), (label, recording) in zip(axes.T, recordings.items(), strict=True):
+        time = CONTROL_PERIOD_S * np.arange(*steps.indices(recording.actions.shape[1]))
+        height = recording.foot_height[episode, steps][: len(time)]
+        reward = recording.reward[episode, steps]
+        top.plot(time, 100.0 * height[:, 0], "-", color=COLOURS["blue"], label="left sole")
+        top.plot(time, 100.0 * height[:, 1], "--", color=COLOURS["vermillion"], label="right sole")
+        bottom.plot(time, reward, "-", color=COLOURS["black"])
+        mean = np.nanmean(recording.reward)
+        bottom.set_title(f"mean {mean:.3f}" if np.isfinite(mean) else "fell", fontsize=7.5)
+        top.set_title(label)
+        bottom.set_xlabel("time (s)")
+        data[label] = {"time_s": time, "left_m": height[:, 0], "right_m": height[:, 1],
+                       "reward": reward}  # fmt: skip
+    axes[0, 0].set_ylabel("sole height (cm)")
+    axes[1, 0].set_ylabel("Eq 3.10 per step")
+    axes[1, 0].set_ylim(0.0, 1.05)
+    axes[0, 0].legend()
+    return figure, data
+
+
+def plot_speed_tracking(speeds, measured):
+    """Mean forward speed against the commanded one.
+
+    Args:
+        speeds: Commanded speeds, m/s.
+        measured: Speeds of each episode, one array per commanded speed.
+
+    Returns:
+        The figure and its data.
+    """
+    import matplotlib.pyplot as plt
+
+    figure, ax = plt.subplots(figsize=(0.55 * COLUMN_WIDTH_IN, 2.6))
+    line = np.array([0.0, max(speeds)])
+    ax.fill_between(line, line - 0.05, line + 0.05, color="0.9", label="±0.05 m/s")
+    median = np.array([np.nanmedian(values) for values in measured])
+    low = np.array([np.nanmin(values) for values in measured])
+    high = np.array([np.nanmax(values) for values in measured])
+    ax.errorbar(speeds, median, [median - low, high - median], fmt="o", color=COLOURS["blue"],
+                capsize=3, label="median and range")  # fmt: skip
+    ax.set_xlabel("commanded speed (m/s)")
+    ax.set_ylabel("mean forward speed (m/s)")
+    ax.legend(loc="upper left")
+    return figure, {"commanded_mps": np.asarray(speeds), "median_mps": median, "least_mps": low,
+                    "greatest_mps": high}  # fmt: skip

@@ -69,7 +69,7 @@ class _Layer:
         self.bias = bias
         self.steps = steps
         self.saved: list[Any] = []
-        self.key_gradient = self.value_gradient = None
+        self.key_gradient = self.value_gradient = keys.new_empty(0)  # made by backward
 
     def _heads(self, rows: Tensor, parts: int = 1) -> Tensor:
         """Rows ``(R, parts * heads * d)`` to ``(parts, E * heads, N, d)``, contiguous."""
@@ -119,7 +119,7 @@ class _Layer:
 
     def _attention_backward(self, g: Tensor, q: Tensor, weights: Tensor, step: int) -> Tensor:
         """Gradient ``(R, 3 * size)`` in queries, keys and values of the step."""
-        if self.key_gradient is None:
+        if not len(self.key_gradient):
             self.key_gradient = torch.zeros_like(self.own_keys)
             self.value_gradient = torch.zeros_like(self.own_values)
         scale, seen = self.block.scale, slice(0, step + 1)

@@ -187,7 +187,10 @@ def open_loop(
     sums /= len(chosen)
     mean, square = moments / (len(chosen) * horizon)
     variance = np.asarray(transitions.states[:, physical], dtype=np.float64).var(axis=0)
-    return OpenLoop(*sums, variance, square - mean**2, len(chosen))
+    model_error, no_change, difference, no_difference = sums
+    return OpenLoop(
+        model_error, no_change, difference, no_difference, variance, square - mean**2, len(chosen)
+    )
 
 
 __all__ = ["OpenLoop", "open_loop", "split_window"]

@@ -73,12 +73,12 @@ class Run:
         self.checkpoint_seconds = checkpoint_seconds
         self.step = 0
         self.counters: dict[str, Any] = {}
-        spent = self._resume() if self.path else 0.0
+        spent = self._resume(self.path) if self.path else 0.0
         self.budget = Budget(max_minutes, spent)
         self._saved_at = time.monotonic()
 
-    def _resume(self) -> float:
-        saved = load_training(self.path, self.model, self.optimiser, self.identity)
+    def _resume(self, path: Path) -> float:
+        saved = load_training(path, self.model, self.optimiser, self.identity)
         if saved is None:
             return 0.0
         self.step, self.counters = saved["step"], saved["loop"]

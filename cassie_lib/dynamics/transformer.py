@@ -67,7 +67,7 @@ class Layer(nn.Module):
     def forward(self, x: Tensor, mask: Tensor | None = None, memory: Tensor | None = None):
         """``x`` ``(B, L, size)`` to the same shape."""
         x = self.attention_norm(x + self.dropout(self.attention(x, x, mask)))
-        if self.cross is not None:
+        if self.cross is not None and self.cross_norm is not None:
             x = self.cross_norm(x + self.dropout(self.cross(x, memory)))
         hidden = self.dropout(functional.relu(self.expand(x)))
         return self.feedforward_norm(x + self.dropout(self.contract(hidden)))

@@ -141,7 +141,7 @@ class EpochLoop:
             metrics["train__gradient_penalty"] = penalty / count
             metrics["train__state_prediction"] = sum(each) / len(each) / count
             metrics |= {f"train__step_{i + 1}": loss / count for i, loss in enumerate(each)}
-        for name in self.sets.keys() - {"train"}:
+        for name in [name for name in self.sets if name != "train"]:
             losses, raw = self.measure(name)
             metrics[f"{name}__state_prediction"] = losses.mean()
             metrics[f"{name}__state_prediction_raw"] = raw

@@ -16,10 +16,10 @@ from cassie_lib.walking import Controller, Observation
 
 
 @contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Sums in a policy come out the same whatever the number of threads was."""
+def _torch_threads(count: int) -> Iterator[None]:
+    """Sums in a policy may come out otherwise with another number of threads."""
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(count)
     try:
         yield
     finally:
@@ -28,7 +28,7 @@ def _one_torch_thread() -> Iterator[None]:
 
 def run_batch(
     controller: Controller, simulator: Simulator, steps: int, level: float,
-    random: np.random.Generator,
+    random: np.random.Generator, torch_threads: int = 1,
 ) -> dict[str, np.ndarray]:
     """Run one episode per robot from where the simulator stands.
 
@@ -38,6 +38,7 @@ def run_batch(
         steps: Longest episode in control steps.
         level: Standard deviation of the action noise, rad.
         random: Source of the noise.
+        torch_threads: Threads of PyTorch while the controller acts.
 
     Returns:
         The fields of :mod:`cassie_lib.data.fields`, episodes laid end to end.
@@ -46,7 +47,7 @@ def run_batch(
     rows: dict[str, list[np.ndarray]] = {name: [] for name in SAMPLE_NAMES if name != "falling"}
     length = np.full(simulator.count, steps)
     final = simulator.states.astype(np.float32)
-    with _one_torch_thread():
+    with _torch_threads(torch_threads):
         for step in range(steps):
             before = simulator.fallen.copy()
             sample = _observe(simulator)

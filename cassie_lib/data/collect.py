@@ -1,7 +1,7 @@
 """Collection of section 4.3.2: a controller, Gaussian action noise, every episode from s0.
 
-Robots run in batches.  A batch depends on the seed and its number alone, so a killed collection
-goes on with the next batch and ends with the same bits.
+Robots run in batches.  A batch depends on the seed, its number and how much is still wanted, so a
+killed collection goes on with the next batch and ends with the same bits.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _BATCHES = "batches"
 
 def collect(
     controller: Controller, parameters: CollectionParameters, simulation: SimulationParameters,
-    folder: Path, *, threads: int | None = None, progress: bool = True,
+    folder: Path, *, threads: int | None = None, torch_threads: int = 1, progress: bool = True,
 ) -> Episodes:
     """Collect exactly ``parameters.transitions`` transitions and store them in a folder.
 
@@ -44,6 +44,8 @@ def collect(
         simulation: Physics step and commanded speed.
         folder: Where the data set goes; finished batches found there are used.
         threads: Threads of the simulator; default one per core.  The result does not depend on it.
+        torch_threads: Threads of PyTorch while the controller acts; a planner may want more than
+            a policy does, and another number may change the last bits.
         progress: Whether to print how far it is.
 
     Returns:
@@ -57,12 +59,12 @@ def collect(
     _check_noise(parameters.noise_std_rad)
     plan = _Plan(parameters.name, parameters.robots, parameters.episode_steps, parameters.seed,
                  (parameters.noise_std_rad,), parameters.transitions)  # fmt: skip
-    return _collect(controller, plan, simulation, folder, threads, progress)
+    return _collect(controller, plan, simulation, folder, (threads, torch_threads), progress)
 
 
 def collect_noise_study(
     controller: Controller, parameters: NoiseStudyParameters, simulation: SimulationParameters,
-    folder: Path, *, threads: int | None = None, progress: bool = True,
+    folder: Path, *, threads: int | None = None, torch_threads: int = 1, progress: bool = True,
 ) -> Episodes:
     """Run the same number of whole episodes at each of several noise levels.
 
@@ -76,7 +78,7 @@ def collect_noise_study(
         _check_noise(level)
     plan = _Plan("noise-study", parameters.robots, parameters.episode_steps, parameters.seed,
                  tuple(parameters.noise_std_rad), 0)  # fmt: skip
-    return _collect(controller, plan, simulation, folder, threads, progress)
+    return _collect(controller, plan, simulation, folder, (threads, torch_threads), progress)
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def _check_noise(level: float) -> None:
 
 def _collect(
     controller: Controller, plan: _Plan, simulation: SimulationParameters, folder: Path,
-    threads: int | None, progress: bool,
+    threads: tuple[int | None, int], progress: bool,
 ) -> Episodes:
     protocol = _protocol(controller, plan, simulation)
     if (folder / CARD).exists():
@@ -139,10 +141,10 @@ def _collect(
         identity = canonical_json({**protocol, "batch": number, "batch_robots": robots})
         batch = _read_batch(path, identity)
         if batch is None:
-            simulator = Simulator(robots, simulation.timestep_s, threads)
+            simulator = Simulator(robots, simulation.timestep_s, threads[0])
             simulator.reset(speed=simulation.speed_mps)
             random = np.random.default_rng([plan.seed, number])
-            batch = run_batch(controller, simulator, plan.episode_steps, level, random)
+            batch = run_batch(controller, simulator, plan.episode_steps, level, random, threads[1])
             with replacing(path) as partial:
                 np.savez(partial, allow_pickle=False, identity=np.array(identity), **batch)
         batches.append(batch)

@@ -1,0 +1,197 @@
+"""Figures of notebook 04: learning curves of the baseline, and its errors beside no change."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cassie_lib.dynamics.evaluation import CONSTANT, OpenLoop
+from cassie_lib.dynamics.evaluation import GROUPS as ORDERS
+from cassie_lib.dynamics.normalisation import Normalisation
+from cassie_lib.errors import DataError
+from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
+from cassie_lib.robot.schema import DERIVATIVE_ORDER, GROUPS, PHYSICAL, STATE_SIZE
+
+Drawn = tuple[Figure, Mapping[str, Any]]
+#: Metric name to (epochs, values).
+Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
+_COLOURS = {"train": "blue", "validation": "orange", "test": "vermillion"}
+_LINES = {"train": "-", "validation": "--", "test": "-"}
+
+
+def read_curves(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Read a training log: metric name to (epochs from 1, values).
+
+    Raises:
+        DataError: If it is no training log.
+    """
+    found: dict[str, list[tuple[int, float]]] = {}
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                found.setdefault(row["metric"], []).append(
+                    (int(row["epoch"]) + 1, float(row["value"]))
+                )
+    except (OSError, KeyError, TypeError, ValueError):
+        raise DataError(f"{path.name} cannot be read: expected a training log") from None
+    return {
+        name: (np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
+        for name, rows in found.items()
+    }
+
+
+def no_change_loss(result: OpenLoop, normalisation: Normalisation) -> np.ndarray:
+    """Loss of predicting differences of zero at each step ``(T,)``, in units of the training loss.
+
+    Mean over the 49 components of the squared error divided by the variance of the training
+    data's one-step differences.
+    """
+    return _loss(result.no_difference, normalisation)
+
+
+def model_loss(result: OpenLoop, normalisation: Normalisation) -> np.ndarray:
+    """The same of the model, ``(T,)``: what the training log holds for the last epoch."""
+    return _loss(result.difference, normalisation)
+
+
+def _loss(errors: np.ndarray, normalisation: Normalisation) -> np.ndarray:
+    spread = normalisation.difference_std.double().numpy()[PHYSICAL]
+    return (errors / spread**2).sum(axis=1) / STATE_SIZE
+
+
+def plot_single_step(runs: Sequence[Curves], no_change: Mapping[str, float]) -> Drawn:
+    """Single-step learning curves (Figure 5.1): the loss, and the loss beside its first epoch.
+
+    Args:
+        runs: Curves of each seed: the median is drawn, and the range as a band.
+        no_change: Loss of predicting no change on each set.
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH_IN, 2.6))
+    table: dict[str, dict[str, np.ndarray]] = {}
+    for name in _COLOURS:
+        epochs = runs[0][f"{name}/state_prediction"][0]
+        values = np.stack([curves[f"{name}/state_prediction"][1] for curves in runs])
+        _band(left, name, epochs, values)
+        _band(right, name, epochs, values / values[:, :1])
+        table[name] = {
+            "epoch": epochs, "median": np.median(values, axis=0), "low": values.min(axis=0),
+            "high": values.max(axis=0), "no_change": np.full(len(epochs), no_change[name]),
+        }  # fmt: skip
+        left.axhline(no_change[name], color=COLOURS[_COLOURS[name]], linestyle=":", linewidth=0.9)
+    left.set(yscale="log", xlabel="epoch", ylabel="loss, Eq 3.4 (normalised)")
+    right.set(xlabel="epoch", ylabel="loss / loss after epoch 1")
+    right.axhline(1.0, color="black", linestyle="-", linewidth=0.6)
+    handles, labels = left.get_legend_handles_labels()
+    handles.append(left.plot([], [], color="grey", linestyle=":", linewidth=0.9)[0])
+    figure.legend(handles, [*labels, "predicting no change"], loc="outside upper center", ncols=4)
+    return figure, table
+
+
+def _band(axes: Axes, name: str, epochs: np.ndarray, values: np.ndarray) -> None:
+    colour = COLOURS[_COLOURS[name]]
+    axes.plot(epochs, np.median(values, axis=0), color=colour, linestyle=_LINES[name], label=name)
+    axes.fill_between(epochs, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.2)
+
+
+def plot_curriculum(
+    curves: Curves, losses: Mapping[str, np.ndarray], no_change: Mapping[str, np.ndarray]
+) -> Drawn:
+    """Learning curves over a growing number of predicted steps (Figure 5.2).
+
+    Args:
+        curves: Of the run; red lines mark one more predicted step.
+        losses: Final loss at each predicted step ``(T,)`` by set.
+        no_change: The same of predicting no change.
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH_IN, 2.6))
+    table: dict[str, dict[str, np.ndarray]] = {}
+    for name, colour in _COLOURS.items():
+        epochs, values = curves[f"{name}/state_prediction"]
+        left.plot(epochs, values, color=COLOURS[colour], linestyle=_LINES[name], label=name)
+        table[f"{name} curve"] = {"epoch": epochs, "loss": values}
+    for epoch in curves.get("increment", (np.array([]),))[0]:
+        left.axvline(epoch + 0.5, color="red", linestyle="-", linewidth=0.7)
+    for name in losses:
+        steps = np.arange(1, len(losses[name]) + 1)
+        colour = COLOURS[_COLOURS[name]]
+        right.plot(steps, losses[name], color=colour, linestyle=_LINES[name], marker="o",
+                   markersize=3)  # fmt: skip
+        right.plot(steps, no_change[name], color=colour, linestyle=":", linewidth=0.9)
+        table[f"{name} by step"] = {
+            "step": steps, "loss": losses[name], "no_change": no_change[name]
+        }  # fmt: skip
+    left.set(yscale="log", xlabel="epoch", ylabel="loss, Eq 3.6 (normalised)")
+    right.set(yscale="log", xlabel="predicted step (0.03 s each)", ylabel="final loss of that step")
+    handles, labels = left.get_legend_handles_labels()
+    handles.append(left.plot([], [], color="grey", linestyle=":", linewidth=0.9)[0])
+    figure.legend(handles, [*labels, "predicting no change"], loc="outside upper center", ncols=4)
+    return figure, table
+
+
+def plot_group_errors(results: Mapping[str, Mapping[str, OpenLoop]]) -> Drawn:
+    """Error of positions, velocities and accelerations relative to their variance, by step.
+
+    Args:
+        results: Set name to model label to its errors.  Sets differ by line, models by colour;
+            predicting no change is black.
+    """
+    figure, panels = plt.subplots(1, 3, figsize=(COLUMN_WIDTH_IN, 2.5), sharey=True)
+    table: dict[str, dict[str, np.ndarray]] = {}
+    for line, (set_name, models) in zip(("--", "-"), results.items(), strict=False):
+        for colour, (label, result) in zip(("blue", "vermillion"), models.items(), strict=False):
+            _relative_lines(panels, table, (set_name, label), result, COLOURS[colour], line)
+        last = next(reversed(models.values()))
+        _relative_lines(panels, table, (set_name, "no change"), last, "black", line)
+    panels[0].set(yscale="log", ylabel="squared error / variance")
+    for axes, group in zip(panels, ORDERS, strict=True):
+        axes.set_title(group)
+        axes.set_xlabel("predicted step")
+        axes.axhline(1.0, color="grey", linestyle="-", linewidth=0.6)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure, table
+
+
+def _relative_lines(panels, table, names, result: OpenLoop, colour: str, line: str) -> None:
+    set_name, label = names
+    errors = result.no_change if label == "no change" else result.model
+    steps = np.arange(1, len(errors) + 1)
+    column: dict[str, np.ndarray] = {"step": steps}
+    varying = result.variance > CONSTANT
+    for axes, (group, order) in zip(panels, ORDERS.items(), strict=True):
+        chosen = varying & (DERIVATIVE_ORDER[PHYSICAL] == order)
+        column[group] = (errors[:, chosen] / result.variance[chosen]).mean(axis=1)
+        axes.plot(steps, column[group], color=colour, linestyle=line, label=f"{label}, {set_name}")
+    table[f"{label}, {set_name}"] = column
+
+
+def error_table(result: OpenLoop, step: int) -> str:
+    """Markdown table of root mean square errors per row of Table 4.1, in its unit.
+
+    Args:
+        result: Errors of a model.
+        step: Predicted step, from 1.
+    """
+    lines = [
+        f"| group, step {step} | unit | model | no change | model² / variance |",
+        "|---|---|---|---|---|",
+    ]
+    for group in GROUPS:
+        if group.slice.start >= PHYSICAL.stop:
+            continue
+        model, none = result.model[step - 1, group.slice], result.no_change[step - 1, group.slice]
+        variance = result.variance[group.slice]
+        varying = variance > CONSTANT
+        relative = np.mean(model[varying] / variance[varying])
+        lines.append(
+            f"| {group.name} | {group.unit} | {np.sqrt(model.mean()):.3g} "
+            f"| {np.sqrt(none.mean()):.3g} | {relative:.3g} |"
+        )
+    return "\n".join(lines) + "\n"

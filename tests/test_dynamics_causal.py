@@ -113,3 +113,7 @@ def test_bad_sizes_and_inputs(model):
         model.predict(history, actions[:1])
     with pytest.raises(NonFiniteError):
         model.predict(history, actions * float("nan"))
+    with pytest.raises(ParameterError, match="actions are on meta"):
+        model.predict(history, actions.to("meta"))
+    with pytest.raises(ParameterError, match="history is on cpu, the model on meta"):
+        model.to("meta").predict(history, actions)

@@ -138,7 +138,7 @@ class CausalModel(nn.Module):
         Raises:
             ShapeError, NonFiniteError, SchemaError, ParameterError: On a bad history.
         """
-        check_history(history, self.context)
+        check_history(history, self.context, self.head.weight.device)
         return self.encode(history)
 
     def encode(self, history: History) -> EncodedHistory:

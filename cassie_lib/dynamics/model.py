@@ -66,18 +66,21 @@ class DynamicsModel(Protocol):
         """
 
 
-def check_history(history: History, context: int) -> None:
+def check_history(
+    history: History, context: int, device: torch.device | None = None
+) -> None:
     """Check shapes, finiteness and component order of a history.
 
     Args:
         history: The history.
         context: H that the model needs; a longer history is accepted.
+        device: Where the model is; None: not checked.
 
     Raises:
         ShapeError: If a shape differs or fewer than ``context`` states are given.
         NonFiniteError: If a state or action is NaN or infinite.
         SchemaError: If the components cannot be in the documented order.
-        ParameterError: If the parts are on different devices.
+        ParameterError: If the parts and the model are on different devices.
     """
     states, actions = history.states, history.actions
     if states.ndim != 3 or states.shape[-1] != schema.STATE_SIZE:
@@ -97,6 +100,8 @@ def check_history(history: History, context: int) -> None:
             f"history states are on {states.device}, actions on {actions.device}: "
             "expected one device"
         )
+    if device is not None and states.device != device:
+        raise ParameterError(f"history is on {states.device}, the model on {device}")
     for name, value in (("states", states), ("actions", actions)):
         if not torch.isfinite(value).all():
             raise NonFiniteError(f"history {name} hold NaN or infinity: expected finite values")

@@ -66,7 +66,7 @@ class WindowModel(nn.Module):
         Raises:
             ShapeError, NonFiniteError, SchemaError, ParameterError: On a bad history.
         """
-        check_history(history, self.context)
+        check_history(history, self.context, self.normalisation.state_mean.device)
         return history
 
     def predict(self, history: History, actions: Tensor) -> Tensor:

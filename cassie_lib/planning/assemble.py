@@ -81,8 +81,9 @@ def make_planner(
         needed = "terminal_value" if parameters.terminal_value else 'mean = "expert"'
         raise ParameterError(f"expert is None: expected one, the parameters say {needed}")
     reward = WalkingReward(
-        reference or gait.walk(speed_mps), parameters.lateral, parameters.deadband
-    )
+        reference or gait.walk(speed_mps), parameters.lateral, parameters.deadband,
+        parameters.gait_weight,
+    )  # fmt: skip
     terminal = CriticValue(expert.policy) if parameters.terminal_value else None
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)
     cycle = expert_cycle(expert, speed_mps) if parameters.mean == "expert" else None

@@ -14,6 +14,12 @@ from cassie_lib.robot.model import load_model, nominal_qpos
 _SIDES = ("left", "right")
 #: Spring joints that the kinematics hold at rest.
 _SPRINGS = tuple(f"{side}-{part}" for side in _SIDES for part in ("shin", "heel-spring"))
+#: Joints that the 49-component state leaves out; the loops determine them.
+_UNSEEN = tuple(
+    f"{side}-{part}"
+    for side in _SIDES
+    for part in ("achilles-rod", "heel-spring", "foot-crank", "plantar-rod")
+)
 
 
 class FootTarget(NamedTuple):
@@ -52,6 +58,7 @@ class LegKinematics:
             for part in ("hip-roll", "hip-yaw", "hip-pitch", "knee", "foot")
         ]
         self._passive = np.array([dof for dof in self._free if dof not in driven])
+        self._unseen = np.array([dof for name in _UNSEEN for dof in self._dofs(name)])
 
     def loop_error(self, qpos: np.ndarray) -> np.ndarray:
         """Gaps of the four loop closures at ``qpos (35,)``, in m, shape ``(12,)``."""
@@ -70,7 +77,25 @@ class LegKinematics:
         Raises:
             ParameterError: If the loops cannot be closed from there.
         """
-        return self._solve(qpos, (), self._passive)
+        return self._solve(self._at_rest(qpos), (), self._passive)
+
+    def complete(self, qpos: np.ndarray, gap_m: float = 0.02) -> np.ndarray:
+        """Move only the joints that a state does not hold: rods, heel springs and cranks.
+
+        The other joints, shin springs included, stay as given.  A predicted state may be one that
+        no robot can take: then the loops are closed as well as they can be.
+
+        Args:
+            qpos: Configuration ``(35,)`` whose rods, heel springs and cranks are a first guess.
+            gap_m: Largest gap that may remain, in m.
+
+        Returns:
+            Configuration ``(35,)``.
+
+        Raises:
+            ParameterError: If a larger gap remains.
+        """
+        return self._solve(np.array(qpos, dtype=float), (), self._unseen, 60, gap_m)
 
     def place_feet(self, qpos: np.ndarray, feet: tuple[FootTarget, FootTarget]) -> np.ndarray:
         """Bring both soles to their targets with the pelvis where ``qpos`` has it.
@@ -85,7 +110,17 @@ class LegKinematics:
         Raises:
             ParameterError: If a target is out of reach.
         """
-        return self._solve(qpos, feet, self._free)
+        return self._solve(self._at_rest(qpos), feet, self._free)
+
+    def _at_rest(self, qpos: np.ndarray) -> np.ndarray:
+        qpos = np.array(qpos, dtype=float)
+        qpos[self._spring_qpos] = 0.0
+        return qpos
+
+    def _dofs(self, name: str) -> range:
+        joint = self.model.joint(name)
+        first = int(joint.dofadr[0])
+        return range(first, first + (3 if joint.type[0] == mujoco.mjtJoint.mjJNT_BALL else 1))
 
     def _forward(self, qpos: np.ndarray) -> None:
         self.data.qpos[:] = qpos
@@ -117,9 +152,7 @@ class LegKinematics:
         jacobian = np.vstack([(jacobians[0] + jacobians[1]) / 2, along_jacobian[[2, 1]]])
         return error, jacobian
 
-    def _solve(self, qpos, feet, free, iterations: int = 60) -> np.ndarray:
-        qpos = np.array(qpos, dtype=float)
-        qpos[self._spring_qpos] = 0.0
+    def _solve(self, qpos, feet, free, iterations: int = 60, tolerance_m=1e-9) -> np.ndarray:
         for _ in range(iterations):
             self._forward(qpos)
             rows = [self._loops()]
@@ -133,11 +166,11 @@ class LegKinematics:
             step[free] = -np.linalg.lstsq(jacobian, error, rcond=1e-6)[0]
             step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
             mujoco.mj_integratePos(self.model, qpos, step, 1.0)
-        if np.abs(error).max() < 1e-9:
+        if np.abs(error).max() < tolerance_m:
             return qpos
         raise ParameterError(
             f"inverse kinematics stopped {np.abs(error).max():.2e} m from its targets: expected "
-            "foot targets within reach of the pelvis"
+            "feet within reach of the pelvis and loops that can close"
         )
 
 

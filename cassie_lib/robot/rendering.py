@@ -145,19 +145,29 @@ def draw_skeleton(axes, qpos, alpha: float = 1.0, offset_m: float = 0.0) -> None
     axes.set_aspect("equal")
 
 
-def skeleton_frames(qpos, width: int = 640, height: int = 480) -> np.ndarray:
-    """The stick figure as pictures ``(T, height, width, 3)`` uint8, for machines without GL."""
+def skeleton_frames(qpos, ghost=None, width: int = 640, height: int = 480) -> np.ndarray:
+    """The stick figure as pictures ``(T, height, width, 3)`` uint8, for machines without GL.
+
+    Args:
+        qpos: ``(T, 35)``.
+        ghost: ``(T, 35)`` of a second, paler robot, or None.
+        width: Picture width, pixels.
+        height: Picture height, pixels.
+    """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     del matplotlib
     frames = []
-    for configuration in _check(qpos):
+    ghost = None if ghost is None else _check(ghost)
+    for index, configuration in enumerate(_check(qpos)):
         figure = Figure(figsize=(width / 100, height / 100), dpi=100)
         canvas = FigureCanvasAgg(figure)
         axes = figure.add_subplot()
         draw_skeleton(axes, configuration)
+        if ghost is not None:
+            draw_skeleton(axes, ghost[index], alpha=0.35)
         axes.set_xlim(configuration[0] - 0.8, configuration[0] + 0.8)
         axes.set_ylim(-0.1, 1.3)
         axes.set_xlabel("x (m)")
@@ -180,5 +190,5 @@ def pictures(qpos, **options) -> tuple[np.ndarray, str]:
     try:
         return render(qpos, **options), "rendered by MuJoCo"
     except RenderingError as error:
-        size = {key: options[key] for key in ("width", "height") if key in options}
+        size = {key: options[key] for key in ("ghost", "width", "height") if key in options}
         return skeleton_frames(qpos, **size), f"stick figure, because {error}"

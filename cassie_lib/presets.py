@@ -158,6 +158,26 @@ class TransformerParameters:
 
 
 @dataclass(frozen=True)
+class GridParameters:
+    """Hyper-parameter grid of Appendix A.1: its values, and the budget of one point.
+
+    Every point trains the preset's transformer with the same number of passes over windows, so
+    that a point does not depend on how busy the machine is.
+    """
+
+    batch_size: tuple[int, ...] = (64, 128, 256)
+    context: tuple[int, ...] = (30, 40, 50)
+    learning_rate: tuple[float, ...] = (1e-3, 1e-4, 1e-5)
+    dropout: tuple[float, ...] = (0.1, 0.2, 0.3)
+    weight_decay: tuple[float, ...] = (1e-3, 1e-2, 1e-1)
+    epochs: int = 1000
+    windows_per_epoch: int = 0  # 0: all of them
+    horizon: int = 10  # tau of the training
+    gradient_penalty: float = 1e-2
+    evaluation_windows: int = 2000  # of the validation set
+
+
+@dataclass(frozen=True)
 class CausalParameters:
     """Decoder-only model with a key-value cache: this project's extension."""
 
@@ -263,6 +283,7 @@ class Preset:
     data: DataParameters = field(default_factory=DataParameters)
     mlp: MLPParameters = field(default_factory=MLPParameters)
     transformer: TransformerParameters = field(default_factory=TransformerParameters)
+    grid: GridParameters = field(default_factory=GridParameters)
     causal: CausalParameters = field(default_factory=CausalParameters)
     cem: CEMParameters = field(default_factory=CEMParameters)
     gradient_cem: GradientCEMParameters = field(default_factory=GradientCEMParameters)
@@ -299,6 +320,8 @@ def _smoke() -> Preset:
             encoder_layers=1, decoder_layers=1, feedforward_size=32, horizon=2, epochs=2,
             windows_per_epoch=64, batch_size=32, scheduler_patience=1, patience=1,
         ),
+        grid=GridParameters(context=(6, 8, 10), epochs=1, windows_per_epoch=64, horizon=1,
+                            evaluation_windows=32),
         causal=CausalParameters(
             context=6, model_size=16, heads=2, layers=1, feedforward_size=32, horizon=3, steps=6,
             batch_size=16, validation_steps=3, validation_windows=16, max_minutes=0.5,
@@ -323,6 +346,8 @@ def _laptop() -> Preset:
             encoder_layers=2, decoder_layers=2, epochs=300, windows_per_epoch=8192,
             scheduler_patience=20, patience=15, validation_windows=1024, max_minutes=60.0,
         ),
+        grid=GridParameters(epochs=4, windows_per_epoch=16_384, horizon=1, gradient_penalty=0.0,
+                            evaluation_windows=500),
         cem=CEMParameters(samples=256, elites=32, iterations=4, mean="warm", keep_best=True,
                           include_mean=True),
         gradient_cem=GradientCEMParameters(

@@ -270,6 +270,14 @@ class EvaluationParameters:
     expert_seeds: int = 20
     steps: int = 1000  # control steps per episode
     short_steps: int = 400  # of the trials at other speeds and of those with a push
+    planner_steps: int = 560  # of a planner's episodes, hand-over included
+    ablation_steps: int = 230  # of the trials with another initial mean
+    last_round_steps: int = 3060  # of the last DAgger round
+    oracle_seeds: int = 2  # CEM on the true simulator
+    oracle_steps: int = 100
+    oracle_gradient_seeds: int = 1  # Gradient-CEM on it: 550 simulated steps for one gradient
+    oracle_gradient_steps: int = 80
+    oracle_timestep_s: float = 0.002  # of the oracle's own physics; the loop's stays fine
 
 
 @dataclass(frozen=True)
@@ -333,7 +341,11 @@ def _smoke() -> Preset:
         ),
         dagger=DAggerParameters(transitions=160, schedule=(1, 27), robots=4, episode_steps=40,
                                 training_steps=6, minutes_per_round=0.1),
-        evaluation=EvaluationParameters(seeds=2, expert_seeds=2, steps=120, short_steps=120),
+        evaluation=EvaluationParameters(
+            seeds=2, expert_seeds=2, steps=120, short_steps=120, planner_steps=90,
+            ablation_steps=60, last_round_steps=100, oracle_seeds=1, oracle_steps=40,
+            oracle_gradient_seeds=1, oracle_gradient_steps=40,
+        ),
     )
 
 

@@ -70,9 +70,21 @@ def use_style() -> None:
     mpl.rcParams.update(style)
 
 
+class SavedFigure(dict[str, Path]):
+    """Paths of a figure's files by kind; shown in a notebook as one line."""
+
+    def __repr__(self) -> str:
+        """Name the files once, then their endings."""
+        picture = self["png"]
+        inside = picture.is_relative_to(paths.ROOT)
+        shown = picture.relative_to(paths.ROOT) if inside else picture
+        endings = " ".join(path.suffix for path in self.values())
+        return f"saved {shown.with_suffix('').as_posix()} {endings}"
+
+
 def save_figure(
     figure: Any, name: str, data: Mapping[str, Any], provenance: Provenance
-) -> dict[str, Path]:
+) -> SavedFigure:
     """Save a figure as PNG and PDF, the data that it shows, and its provenance beside it.
 
     An unchanged ``laptop`` run writes to ``figures/``; smoke tests and trials with changed
@@ -95,7 +107,7 @@ def save_figure(
     if not _NAME.fullmatch(name):
         raise ParameterError(f"figure name is {name!r}: expected a form like '05-prediction'")
     folder = paths.figures_folder(provenance.preset, bool(provenance.changed))
-    places = {"png": folder / f"{name}.png", "pdf": folder / f"{name}.pdf"}
+    places = SavedFigure(png=folder / f"{name}.png", pdf=folder / f"{name}.pdf")
     places["data"] = write_plotted_data(folder, name, data)
     if provenance.preset == "smoke":
         figure.text(0.5, 0.5, "smoke test", fontsize=30, alpha=0.15, ha="center", va="center")

@@ -86,14 +86,14 @@ def _title(book: Any, fallback: str) -> str:
 
 
 def _thumbnail(book: Any, width: int = 420) -> str:
-    """Last PNG of a notebook, scaled down, as an ``<img>``: the headline figure comes last."""
+    """First PNG of a notebook, scaled down, as an ``<img>``: the headline figure comes first."""
     from PIL import Image
 
     outputs = [output for cell in book.cells for output in cell.get("outputs", ())]
     pictures = [o["data"]["image/png"] for o in outputs if "image/png" in o.get("data", {})]
     if not pictures:
         return ""
-    image = Image.open(io.BytesIO(base64.b64decode(pictures[-1]))).convert("RGB")
+    image = Image.open(io.BytesIO(base64.b64decode(pictures[0]))).convert("RGB")
     image.thumbnail((width, width))
     buffer = io.BytesIO()
     image.save(buffer, "PNG", optimize=True)

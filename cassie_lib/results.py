@@ -24,6 +24,15 @@ _HEADER = (
 )
 
 
+class Result(dict[str, Any]):
+    """Record of a claim; shown in a notebook as one line."""
+
+    def __repr__(self) -> str:
+        """Ours, the thesis's and the verdict."""
+        thesis = _number(self["thesis_value"], self["unit"])
+        return f"{self['id']}: {_ours(self)}; thesis ({self['figure']}) {thesis}: {self['verdict']}"
+
+
 def results_file(preset: str) -> Path:
     """Where the records of a preset are: in git for an unchanged ``laptop`` run only."""
     return paths.figures_folder(preset, bool(changed_parameters())) / "results.json"
@@ -60,7 +69,7 @@ def record_result(
     claim: str = "",
     unit: str = "",
     reason: str = "",
-) -> dict[str, Any]:
+) -> Result:
     """Write the record of one claim, replacing an older one of the same id.
 
     Args:
@@ -93,23 +102,23 @@ def record_result(
         raise NonFiniteError(f"result {claim_id} holds {numbers}: expected finite numbers")
     if interval is not None and (len(interval) != 2 or interval[0] > interval[1]):
         raise ParameterError(f"interval of {claim_id} is {interval}: expected (low, high)")
-    record = {
-        "id": claim_id,
-        "claim": claim,
-        "figure": figure,
-        "preset": preset,
-        "value": value,
-        "interval": interval,
-        "unit": unit,
-        "seeds": seeds,
-        "protocol": protocol,
-        "wall_time_s": round(float(wall_time_s), 1),
-        "thesis_value": thesis_value,
-        "verdict": verdict,
-        "reason": reason,
-        "commit": git_commit(),
-        "lock": lock_hash(),
-    }
+    record = Result(
+        id=claim_id,
+        claim=claim,
+        figure=figure,
+        preset=preset,
+        value=value,
+        interval=interval,
+        unit=unit,
+        seeds=seeds,
+        protocol=protocol,
+        wall_time_s=round(float(wall_time_s), 1),
+        thesis_value=thesis_value,
+        verdict=verdict,
+        reason=reason,
+        commit=git_commit(),
+        lock=lock_hash(),
+    )
     with locked(paths.CACHE / "locks" / f"results-{preset}.lock", "it writes results.json"):
         others = [item for item in read_results(preset) if item["id"] != claim_id]
         write_json(results_file(preset), sorted([*others, record], key=lambda item: item["id"]))
@@ -135,21 +144,30 @@ def _cached_minutes(number: str) -> str:
     return "–"
 
 
+def _digits(value: float) -> str:
+    # Three figures, but never 1e+03 for a count of steps.
+    return f"{value:.0f}" if 1000 <= abs(value) < 1e7 else f"{value:.3g}"
+
+
 def _number(value: Any, unit: str = "") -> str:
     if value is None:
         return "–"
-    text = value if isinstance(value, str) else f"{value:.3g}"
+    text = value if isinstance(value, str) else _digits(value)
     return f"{text} {unit}" if unit and not isinstance(value, str) else text
 
 
-def _row(record: dict[str, Any]) -> str:
-    number, unit = record["id"][:2], record["unit"]
-    ours = _number(record["value"], unit)
+def _ours(record: dict[str, Any]) -> str:
+    text = _number(record["value"], record["unit"])
     if record["interval"]:
         low, high = record["interval"]
-        ours += f" [{low:.3g}, {high:.3g}]"
+        text += f" [{_digits(low)}, {_digits(high)}]"
     if record["seeds"] > 1:
-        ours += f", {record['seeds']} seeds"
+        text += f", {record['seeds']} seeds"
+    return text
+
+
+def _row(record: dict[str, Any]) -> str:
+    number = record["id"][:2]
     verdict = f"**{record['verdict']}**" + (f": {record['reason']}" if record["reason"] else "")
     cells = [
         record["figure"],
@@ -157,8 +175,8 @@ def _row(record: dict[str, Any]) -> str:
         _notebook(number),
         f"`make figures ONLY={number}`",
         f"{_cached_minutes(number)} / {record['wall_time_s'] / 60:.1f}",
-        _number(record["thesis_value"], unit),
-        ours,
+        _number(record["thesis_value"], record["unit"]),
+        _ours(record),
         verdict,
     ]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"

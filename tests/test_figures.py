@@ -71,6 +71,7 @@ def test_save_figure_writes_pictures_data_and_provenance(figure):
     picture = Image.open(found["png"])
     assert picture.width == pytest.approx(figures.COLUMN_WIDTH_IN * 200, abs=1)
     assert found["pdf"].read_bytes().startswith(b"%PDF")
+    assert repr(found) == "saved figures/06-reward .png .pdf .csv .json"
     rows = list(csv.DictReader(found["data"].open()))
     assert [float(row["reward"]) for row in rows] == [0.1, 0.25]
     record = json.loads(found["provenance"].read_text())
@@ -157,6 +158,8 @@ def test_results_are_merged_by_claim_and_sorted():
     ]  # fmt: skip
     result("06-reward", preset="smoke", value=0.1)
     assert results.read_results("laptop") == stored
+    shown = repr(result("08-steps", value=3210.0, interval=(999, 12345), unit="steps"))
+    assert shown.startswith("08-steps: 3210 steps [999, 12345], 10 seeds; thesis (Figure 5.6) 0.6")
 
 
 @pytest.mark.parametrize(

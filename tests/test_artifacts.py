@@ -17,6 +17,7 @@ import pytest
 from cassie_lib import artifacts, paths
 from cassie_lib.artifacts import recompute, stages, store
 from cassie_lib.artifacts.__main__ import main
+from cassie_lib.code_version import code_fingerprint, file_fingerprint
 from cassie_lib.errors import ArtifactError, ParameterError, UnknownNameError
 
 
@@ -414,3 +415,24 @@ def test_command_line(monkeypatch, capsys, tmp_path):
     assert "weights.bin has another SHA-256" in capsys.readouterr().out
     assert main(["keep", "nix"]) == 2
     assert "unknown stage 'nix'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("stage", stages.STAGES)
+def test_every_stage_names_modules_that_exist(stage):
+    for module in stages.STAGES[stage].modules:
+        assert code_fingerprint((module,)), f"{module} has no source file"
+
+
+def test_fingerprint_ignores_words_and_sees_deeds(tmp_path):
+    def fingerprint(name, text):
+        path = tmp_path / f"{len(list(tmp_path.iterdir()))}-{name}"
+        path.write_text(text)
+        return file_fingerprint(path)
+
+    base = fingerprint("a.py", 'def f(x):\n    """Doc."""\n    return x + 1\n')
+    assert fingerprint("a.py", "def f(x):  # why\n    return (x + 1)\n") == base
+    assert fingerprint("a.py", "def f(x):\n    return x + 2\n") != base
+    xml = fingerprint("a.xml", '<a x="1" y="2">\n <b/></a>')
+    assert fingerprint("a.xml", '<!-- c --><a y="2" x="1"><b></b></a>') == xml
+    assert fingerprint("a.xml", '<a x="1" y="3"><b/></a>') != xml
+    assert fingerprint("a.json", '{"b": 1, "a": 2}') == fingerprint("a.json", '{"a":2,"b":1}')

@@ -358,7 +358,7 @@ def _laptop() -> Preset:
             encoder_layers=2, decoder_layers=2, epochs=300, windows_per_epoch=8192,
             scheduler_patience=20, patience=15, validation_windows=1024, max_minutes=60.0,
         ),
-        grid=GridParameters(epochs=4, windows_per_epoch=16_384, horizon=1, gradient_penalty=0.0,
+        grid=GridParameters(epochs=4, windows_per_epoch=6144, horizon=1, gradient_penalty=0.0,
                             evaluation_windows=500),
         cem=CEMParameters(samples=256, elites=32, iterations=4, mean="warm", keep_best=True,
                           include_mean=True),

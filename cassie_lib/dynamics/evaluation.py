@@ -89,6 +89,18 @@ class OpenLoop:
     ) -> float:
         """Eq 3.6 over all T steps; the thesis reports 0.0018, 0.0016 and 0.0013 for its sets.
 
+        Arguments and errors as of :meth:`thesis_loss_by_step`, whose mean it is.
+        """
+        return float(self.thesis_loss_by_step(order_weights, units, reduction).mean())
+
+    def thesis_loss_by_step(
+        self,
+        order_weights: tuple[float, float, float] = (1.0, 2.0, 5.0),
+        units: str = "raw",
+        reduction: str = "mean",
+    ) -> np.ndarray:
+        """Summands of Eq 3.6: the weighted squared error of each predicted step, ``(T,)``.
+
         Args:
             order_weights: w by derivative order.
             units: ``"raw"`` or ``"normalised"`` (divided by the spread of differences).
@@ -107,7 +119,7 @@ class OpenLoop:
         errors = self.difference
         if units == "normalised":
             errors = errors / np.maximum(self.difference_variance, CONSTANT)
-        total = float((errors * weights**2).sum(axis=1).mean())
+        total = (errors * weights**2).sum(axis=1)
         return total / schema.STATE_SIZE if reduction == "mean" else total
 
     def summary(self) -> dict[str, float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -67,8 +67,8 @@ def rollout_loss(model: CausalModel, window: Window, weights: Tensor) -> Tensor:
 class _CausalLoop:
     """Runs a training to its end; ``part`` 0 is teacher forced, 1 is rollout."""
 
-    def __init__(self, run: Run, sampler: Sampler, validation: Transitions | None) -> None:
-        self.run, self.sampler, self.validation = run, sampler, validation
+    def __init__(self, run: Run, sampler: Sampler, sets: dict[str, Transitions]) -> None:
+        self.run, self.sampler, self.sets = run, sampler, sets
         self.parameters: CausalParameters = run.model.parameters_
         self.state = run.counters or {"part": 0, "total": 0.0, "count": 0}
         run.counters = self.state
@@ -111,17 +111,18 @@ class _CausalLoop:
             state.update(total=0.0, count=0)
 
     def validate(self) -> None:
-        if self.validation is None:
-            return
-        horizon = self.parameters.horizon
+        horizon, windows = self.parameters.horizon, self.parameters.validation_windows
         self.run.model.eval()
-        windows = self.parameters.validation_windows
-        result = open_loop(self.run.model, self.validation, horizon, windows)
+        metrics: dict[str, float] = {}
+        for name, part in self.sets.items():
+            result = open_loop(self.run.model, part, horizon, windows)
+            metrics[f"{name}__relative_step_1"] = result.relative[0]
+            metrics[f"{name}__relative_step_{horizon}"] = result.relative[-1]
+            metrics[f"{name}__state_prediction_raw"] = result.thesis_loss()
+            losses = result.thesis_loss_by_step()
+            metrics |= {f"{name}__raw_step_{i + 1}": loss for i, loss in enumerate(losses)}
         self.run.model.train()
-        self.run.note(
-            validation__relative_step_1=result.relative[0],
-            **{f"validation__relative_step_{horizon}": result.relative[-1]},
-        )
+        self.run.note(**metrics)
 
 
 def train_causal(
@@ -129,6 +130,7 @@ def train_causal(
     parameters: CausalParameters,
     *,
     validation: Transitions | None = None,
+    measured: Mapping[str, Transitions] | None = None,
     shares: Sequence[float] | None = None,
     initial: CausalModel | None = None,
     folder: Path | None = None,
@@ -145,6 +147,7 @@ def train_causal(
         train: One recording, or several that are sampled by ``shares``.
         parameters: Sizes and hyper-parameters.
         validation: Recording to validate on; None for none.
+        measured: More recordings on which the errors are logged, by name.
         shares: Part of the batches that each recording gets.
         initial: Warm start: weights and normalisation of another model of the same sizes.
         folder: Where ``checkpoint.pt`` and ``log.csv`` go; a checkpoint found there is resumed.
@@ -182,7 +185,8 @@ def train_causal(
         model, optimiser, identity, folder, parameters.max_minutes,
         parameters.checkpoint_seconds, parameters.clip_norm,
     )
-    _CausalLoop(run, sampler, validation).train(callback)
+    sets = {**({"validation": validation} if validation is not None else {}), **(measured or {})}
+    _CausalLoop(run, sampler, sets).train(callback)
     return run.finish()
 
 

@@ -111,25 +111,25 @@ class EpochLoop:
         loss = losses.steps.mean() + weight * losses.penalty
         if not self.run.descend(loss, self.epoch):
             return
-        seen = [1.0, loss.item(), losses.penalty.item(), *losses.steps.tolist()]
+        each = [*losses.steps.tolist(), *losses.raw.tolist()]
+        seen = [1.0, loss.item(), losses.penalty.item(), *each]
         self.sums = [a + b for a, b in zip(self.sums or [0.0] * len(seen), seen, strict=True)]
 
     @torch.no_grad()
-    def measure(self, name: str) -> tuple[np.ndarray, float]:
-        """Eq 3.6 per predicted step ``(t,)`` on a set, and its mean in raw units."""
+    def measure(self, name: str) -> np.ndarray:
+        """Eq 3.6 per predicted step on a set, normalised and in raw units: ``(2 t,)``."""
         starts = self.starts[name]
         count = self.settings.validation_windows or len(starts)
         starts = starts[np.unique(np.linspace(0, len(starts) - 1, count).astype(int))]
         self.model.eval()
-        steps, raw = np.zeros(self.curriculum.steps), 0.0
+        sums = np.zeros(2 * self.curriculum.steps)
         for part in np.array_split(starts, max(1, len(starts) // 256)):
             losses = multi_step(
                 self.model, self._window(name, part), self.curriculum.steps, self.weights
             )
-            steps += losses.steps.double().cpu().numpy() * len(part)
-            raw += losses.raw.mean().item() * len(part)
+            sums += torch.cat([losses.steps, losses.raw]).double().cpu().numpy() * len(part)
         self.model.train()
-        return steps / len(starts), raw / len(starts)
+        return sums / len(starts)
 
     def _end_epoch(self) -> None:
         run, epoch, steps = self.run, self.epoch, self.curriculum.steps
@@ -139,13 +139,9 @@ class EpochLoop:
             count, total, penalty, *each = self.sums
             metrics["train__penalised"] = total / count
             metrics["train__gradient_penalty"] = penalty / count
-            metrics["train__state_prediction"] = sum(each) / len(each) / count
-            metrics |= {f"train__step_{i + 1}": loss / count for i, loss in enumerate(each)}
+            metrics |= _named("train", np.array(each) / count)
         for name in [name for name in self.sets if name != "train"]:
-            losses, raw = self.measure(name)
-            metrics[f"{name}__state_prediction"] = losses.mean()
-            metrics[f"{name}__state_prediction_raw"] = raw
-            metrics |= {f"{name}__step_{i + 1}": loss for i, loss in enumerate(losses)}
+            metrics |= _named(name, self.measure(name))
         run.note(epoch, **metrics)
         self.epoch, self.batch, self.sums = epoch + 1, 0, []
         watched = metrics.get("validation__state_prediction")
@@ -160,6 +156,17 @@ class EpochLoop:
                 # The loss is another one from here on: its best value so far does not bind.
                 self.scheduler.best = float("inf")
                 self.scheduler.num_bad_epochs = 0
+
+
+def _named(name: str, losses: np.ndarray) -> dict[str, float]:
+    """Metrics of a set from its losses per step, normalised ones first, raw ones after."""
+    steps, raw = np.split(losses, 2)
+    means = {"state_prediction": steps.mean(), "state_prediction_raw": raw.mean()}
+    return {
+        **{f"{name}__{key}": value for key, value in means.items()},
+        **{f"{name}__step_{i + 1}": loss for i, loss in enumerate(steps)},
+        **{f"{name}__raw_step_{i + 1}": loss for i, loss in enumerate(raw)},
+    }
 
 
 def make_identity(model: WindowModel, sets: dict[str, Transitions], **extra) -> dict:

@@ -38,7 +38,8 @@ def train_transformer(
 
     Logged per epoch: ``train|validation|test/state_prediction`` (Eq 3.6), ``.../step_i``,
     ``train/penalised`` (Eq 3.9), ``train/gradient_penalty``, ``horizon``, ``increment``,
-    ``learning_rate``, ``train/skipped``; ``.../state_prediction_raw`` is in raw units.
+    ``learning_rate``, ``train/skipped``; ``.../state_prediction_raw`` and ``.../raw_step_i`` are
+    in raw units.
 
     Args:
         train: Training transitions.

@@ -61,8 +61,11 @@ def test_cells_are_short_and_define_nothing(notebook):
     cells = code(notebook)
     assert len(cells) <= 12
     for cell in cells:
-        assert len([line for line in cell.splitlines() if line.strip()]) <= 20
-        kinds = {type(node) for node in ast.walk(ast.parse(cell))}
+        # The formatter breaks calls with many arguments into many lines: statements count too.
+        tree = ast.parse(cell)
+        assert sum(isinstance(node, ast.stmt) for node in ast.walk(tree)) <= 16
+        assert len([line for line in cell.splitlines() if line.strip()]) <= 36
+        kinds = {type(node) for node in ast.walk(tree)}
         assert not kinds & {ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef}
 
 

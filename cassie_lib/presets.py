@@ -31,7 +31,9 @@ class ExpertParameters:
     final_action_std_rad: float = 0.05  # at its end: noise slows a walk, so the mean action drifts
     robots: int = 128
     rollout_steps: int = 56  # control steps per robot and update
-    total_steps: int = 4_500_000  # control steps over all robots
+    total_steps: int = 4_500_000  # control steps over all robots, before the refinement
+    refinement_steps: int = 1_100_000  # more, for speed and pushes, at a low learning rate
+    refinement_learning_rate: float = 3e-4
     epochs: int = 3
     minibatches: int = 4
     sequence_steps: int = 28  # truncation of back-propagation through time
@@ -61,6 +63,7 @@ REWARD_ONLY = ExpertParameters(
     min_speed_mps=0.0509,
     max_speed_mps=0.0509,
     total_steps=1_000_000,
+    refinement_steps=0,
 )
 
 
@@ -313,8 +316,8 @@ def _smoke() -> Preset:
     return Preset(
         "smoke",
         expert=ExpertParameters(
-            hidden_size=16, robots=4, rollout_steps=28, total_steps=224, epochs=1, minibatches=1,
-            episode_steps=56,
+            hidden_size=16, robots=4, rollout_steps=28, total_steps=224, refinement_steps=112,
+            epochs=1, minibatches=1, episode_steps=56,
         ),
         reward_only_expert=replace(
             REWARD_ONLY, hidden_size=16, robots=4, rollout_steps=28, total_steps=224, epochs=1,
@@ -328,8 +331,8 @@ def _smoke() -> Preset:
             encoder_layers=1, decoder_layers=1, feedforward_size=32, horizon=2, epochs=2,
             windows_per_epoch=64, batch_size=32, scheduler_patience=1, patience=1,
         ),
-        grid=GridParameters(context=(6, 8, 10), epochs=1, windows_per_epoch=64, horizon=1,
-                            evaluation_windows=32),
+        grid=GridParameters(batch_size=(16, 32, 64), context=(6, 8, 10), epochs=1,
+                            windows_per_epoch=64, horizon=1, evaluation_windows=32),
         causal=CausalParameters(
             context=6, model_size=16, heads=2, layers=1, feedforward_size=32, horizon=3, steps=6,
             batch_size=16, validation_steps=3, validation_windows=16, max_minutes=0.5,

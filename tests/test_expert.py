@@ -19,7 +19,8 @@ from cassie_lib.robot.model import load_model
 from cassie_lib.robot.randomisation import randomised_models
 from cassie_lib.walking import Observation
 
-SMALL = replace(get_preset("smoke").expert, hidden_size=8, robots=3, total_steps=4 * 84,
+SMALL = replace(get_preset("smoke").expert, hidden_size=8, robots=3, total_steps=3 * 84,
+    refinement_steps=84,
                 rollout_steps=28, sequence_steps=14, epochs=2, minibatches=2,
                 checkpoint_seconds=0.0)  # fmt: skip
 COARSE = 0.002
@@ -126,13 +127,15 @@ def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path):
 
 
 def test_other_parameters_do_not_resume(tmp_path):
-    RecurrentPPO(replace(SMALL, total_steps=84), COARSE).train(tmp_path, progress=False)
+    RecurrentPPO(replace(SMALL, total_steps=84, refinement_steps=0), COARSE).train(
+        tmp_path, progress=False
+    )
     with pytest.raises(CheckpointError, match="belongs to run"):
         RecurrentPPO(replace(SMALL, learning_rate=1e-5), COARSE).train(tmp_path, progress=False)
 
 
 def test_nan_loss_stops_with_the_last_checkpoint_kept(tmp_path):
-    run = RecurrentPPO(replace(SMALL, total_steps=84), COARSE)
+    run = RecurrentPPO(replace(SMALL, total_steps=84, refinement_steps=0), COARSE)
     run.train(tmp_path, progress=False)
     kept = (tmp_path / "checkpoint.pt").read_bytes()
     run.parameters = replace(SMALL, total_steps=10_000)

@@ -127,6 +127,15 @@ class RecurrentPPO:
         return p.action_std_rad + late * (p.final_action_std_rad - p.action_std_rad)
 
     @property
+    def learning_rate(self) -> float:
+        """Falls linearly to a tenth, in the training and again in the refinement."""
+        p = self.parameters
+        if self.steps < p.total_steps:
+            return p.learning_rate * (1.0 - 0.9 * self.steps / p.total_steps)
+        done = (self.steps - p.total_steps) / max(p.refinement_steps, 1)
+        return p.refinement_learning_rate * (1.0 - 0.9 * done)
+
+    @property
     def identity(self) -> str:
         """What must agree for a checkpoint to be resumed."""
         return f"expert {self.parameters} timestep_s={self.timestep_s}"
@@ -150,26 +159,27 @@ class RecurrentPPO:
         if stored is not None:
             reinstate(self, stored)
         log = CsvLog(folder / "log.csv", seed=p.seed, resume_step=self.steps)
-        meter = Progress("expert", p.total_steps, self.steps, quiet=not progress)
+        last = p.total_steps + p.refinement_steps
+        meter = Progress("expert", last, self.steps, quiet=not progress)
         saved = began = time.monotonic()
-        while self.steps < p.total_steps:
+        while self.steps < last:
             before = self.seconds
             measures = self._update()
             self.seconds = before + time.monotonic() - began
             began = time.monotonic()
             log.write(self.steps, self.seconds, measures)
             meter.update(self.steps, measures)
-            if began - saved > p.checkpoint_seconds or self.steps >= p.total_steps:
+            if began - saved > p.checkpoint_seconds or self.steps >= last:
                 save_checkpoint(path, capture(self), self.identity)
                 saved = time.monotonic()
         return self.policy
 
     def _update(self) -> dict[str, float]:
         p = self.parameters
-        done = self.steps / p.total_steps
-        self.task.progress = done
+        self.task.progress = min(1.0, self.steps / p.total_steps)
+        self.task.refining = self.steps >= p.total_steps
         for group in self.optimiser.param_groups:
-            group["lr"] = p.learning_rate * (1.0 - 0.9 * done)
+            group["lr"] = self.learning_rate
         rollout, measures = self._collect()
         self.steps += p.rollout_steps * p.robots
         measures.update(self._improve(rollout))

@@ -15,8 +15,10 @@ from cassie_lib.simulator import S0_PHASE, S0_SPEED_MPS, Simulator
 _FOOT_SHARPNESS = 25.0
 #: A tenth of the weight on a swinging foot leaves 0.22 of the term.
 _LOAD_SHARPNESS = 15.0
-#: 0.1 m/s off keep 0.67 of the term.
-_VELOCITY_SHARPNESS = 4.0
+#: 0.1 m/s off keep 0.67 of the term, in the refinement 0.45.
+_VELOCITY_SHARPNESS, _REFINED_SHARPNESS = 4.0, 8.0
+#: Share of the velocity term in the guidance.
+_VELOCITY_SHARE, _REFINED_SHARE = 0.3, 0.6
 #: Share of the training during which a foot that strays ends the episode.
 _STRICT_SHARE = 0.4
 
@@ -41,7 +43,7 @@ def gait_term(foot_height_m, foot_load, reference_height_m, swing) -> np.ndarray
     return (0.4 * height + 0.6 * np.where(swing, unloaded, 1.0 - unloaded)).mean(axis=1)
 
 
-def velocity_term(mean_velocity_mps, speed_mps) -> np.ndarray:
+def velocity_term(mean_velocity_mps, speed_mps, sharpness: float = 4.0) -> np.ndarray:
     """Track the commanded speed over a whole cycle.
 
     Eq 3.10's velocity terms are too flat to tell 0.3 m/s from 1 m/s, and they also cost the sway
@@ -50,12 +52,13 @@ def velocity_term(mean_velocity_mps, speed_mps) -> np.ndarray:
     Args:
         mean_velocity_mps: Forward and sideways velocity, averaged over about a cycle, ``(N, 2)``.
         speed_mps: Commanded forward speed, ``(N,)``.
+        sharpness: How sharply a wrong speed costs, s/m.
 
     Returns:
         ``(N,)`` in (0, 1].
     """
     error = np.abs(mean_velocity_mps[:, 0] - speed_mps) + np.abs(mean_velocity_mps[:, 1])
-    return np.exp(-_VELOCITY_SHARPNESS * error)
+    return np.exp(-sharpness * error)
 
 
 class WalkingTask:
@@ -64,6 +67,7 @@ class WalkingTask:
     Attributes:
         simulator: The robots, at the coarse training timestep.
         progress: Share of the training that is done, 0..1; set by the trainer.
+        refining: Whether the training is over and the speed is being refined; set by the trainer.
     """
 
     def __init__(
@@ -91,7 +95,7 @@ class WalkingTask:
         self._swing = ~self.references[0].in_contact
         self._gait_index = np.zeros(parameters.robots, dtype=int)
         self.age = np.zeros(parameters.robots, dtype=int)
-        self.progress = 0.0
+        self.progress, self.refining = 0.0, False
         self._weight_N = GRAVITY * float(self.simulator.model.body_mass.sum())
         self._mean_velocity = np.zeros((parameters.robots, 2))
         self._start(np.arange(parameters.robots))
@@ -147,10 +151,11 @@ class WalkingTask:
         plain = reward(simulator.states, reference, simulator.qpos[:, 1])
         self._mean_velocity += (simulator.qvel[:, :2] - self._mean_velocity) / PERIOD
         load = simulator.foot_force[:, :, 2] / self._weight_N
-        guidance = 0.7 * gait_term(
-            simulator.foot_height, load, self._height[phase], self._swing[phase]
-        )
-        guidance += 0.3 * velocity_term(self._mean_velocity, simulator.speed)
+        periodic = gait_term(simulator.foot_height, load, self._height[phase], self._swing[phase])
+        share = _REFINED_SHARE if self.refining else _VELOCITY_SHARE
+        sharpness = _REFINED_SHARPNESS if self.refining else _VELOCITY_SHARPNESS
+        tracking = velocity_term(self._mean_velocity, simulator.speed, sharpness)
+        guidance = (1.0 - share) * periodic + share * tracking
         weight = self.parameters.guidance_weight
         self.age += 1
         failed = simulator.fallen | (plain < self.parameters.termination_reward)

@@ -1,0 +1,210 @@
+"""Trials of planners and the rounds of DAgger, each loaded or computed: pipeline.py, continued."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cassie_lib import pipeline
+from cassie_lib.artifacts import Artifact, load_or_compute
+from cassie_lib.dagger import Round, Start, dagger_rounds
+from cassie_lib.dynamics.causal import CausalModel
+from cassie_lib.dynamics.store import load_model
+from cassie_lib.errors import unknown_name
+from cassie_lib.expert.policy import load_expert
+from cassie_lib.files import write_json
+from cassie_lib.planning.cem import MEANS
+from cassie_lib.planning.episodes import PlannedEpisodes
+from cassie_lib.planning.evaluate import Protocol, evaluate
+from cassie_lib.planning.oracle import OracleModel
+from cassie_lib.presets import CEMParameters, Preset, replace
+from cassie_lib.walking import run_episodes
+
+PLANNERS = ("cem", "gradient_cem")
+
+
+class Trial(NamedTuple):
+    """Episodes of a planner in closed loop, and where they are stored."""
+
+    episodes: PlannedEpisodes
+    artifact: Artifact
+
+
+def causal_model(preset: Preset) -> CausalModel:
+    """The learned model that planners use."""
+    return load_model(pipeline.causal_artifact(preset).path, "causal")
+
+
+def baselines_artifact(preset: Preset) -> Artifact:
+    """Plain Eq 3.10 per step of pi* and of the policy that has learned to stand still."""
+    upstream = [pipeline.expert_artifact(preset), pipeline.reward_only_artifact(preset)]
+    protocol = {
+        "episodes": preset.evaluation.seeds,
+        "steps": preset.evaluation.short_steps,
+        "speed_mps": preset.simulation.speed_mps,
+        "timestep_s": preset.simulation.timestep_s,
+    }
+
+    def compute(folder: Path) -> None:
+        found = {}
+        for name, artifact in zip(("pi*", "standing still"), upstream, strict=True):
+            recording = run_episodes(load_expert(artifact.path), **protocol)
+            found[name] = {
+                "reward": float(np.nanmean(recording.reward)),
+                "falls": int(recording.fell.sum()),
+            }
+        write_json(folder / "baselines.json", found)
+
+    return load_or_compute("walking", protocol, compute, upstream, preset=preset.name, seed=0)
+
+
+def baselines(preset: Preset) -> dict[str, float]:
+    """Rewards per step of :func:`baselines_artifact` by name: lines of the reward figures."""
+    found = json.loads(baselines_artifact(preset).file("baselines.json").read_text())
+    return {name: item["reward"] for name, item in found.items()}
+
+
+def planner_parameters(preset: Preset, planner: str) -> CEMParameters:
+    """A preset's section of a planner.
+
+    Raises:
+        UnknownNameError: If the planner is not one of :data:`PLANNERS`.
+    """
+    if planner not in PLANNERS:
+        raise unknown_name("planner", planner, PLANNERS)
+    return getattr(preset, planner)
+
+
+def _protocol(preset: Preset, **changes) -> Protocol:
+    standard = Protocol(
+        preset.evaluation.seeds,
+        preset.evaluation.planner_steps,
+        speed_mps=preset.simulation.speed_mps,
+        timestep_s=preset.simulation.timestep_s,
+    )
+    return replace(standard, **changes)
+
+
+def planner_trial(
+    preset: Preset, planner: str, *, mean: str = "", after: Round | None = None, **protocol
+) -> Trial:
+    """Closed-loop episodes of a planner on a learned model.
+
+    Args:
+        preset: The preset.
+        planner: One of :data:`PLANNERS`.
+        mean: Initial mean of the plans; default the preset's.
+        after: Round of DAgger whose model is used; default the model before all rounds.
+        protocol: Fields of :class:`~cassie_lib.planning.evaluate.Protocol` that differ from
+            the preset's evaluation, e.g. ``steps``.
+
+    Raises:
+        UnknownNameError: If the planner is unknown.
+    """
+    parameters = planner_parameters(preset, planner)
+    if mean:
+        parameters = replace(parameters, mean=mean)
+    source = after.artifact if after else pipeline.causal_artifact(preset)
+    expert = pipeline.expert_artifact(preset)
+    return Trial(
+        *evaluate(
+            "dagger" if after else planner, _protocol(preset, **protocol),
+            after.model if after else causal_model(preset), parameters, load_expert(expert.path),
+            upstream=[expert, source], preset=preset.name,
+        )
+    )  # fmt: skip
+
+
+def mean_trials(preset: Preset, planner: str) -> dict[str, Trial]:
+    """Shorter trials with each initial mean of the plans; see :func:`planner_trial`.
+
+    The preset's own mean is taken from the full trial, which begins with the same steps.
+    """
+    # An untrained expert falls before it has a cycle.
+    means = [mean for mean in MEANS if not (mean == "expert" and preset.name == "smoke")]
+    own = planner_parameters(preset, planner).mean
+    steps = preset.evaluation.ablation_steps
+    return {
+        mean: planner_trial(preset, planner, **({} if mean == own else {"steps": steps}), mean=mean)
+        for mean in means
+    }
+
+
+def oracle_trial(preset: Preset, planner: str) -> Trial:
+    """The same planner on the true simulator: fewer seeds and steps, because it is expensive."""
+    parameters, sizes = planner_parameters(preset, planner), preset.evaluation
+    gradient = planner == "gradient_cem"
+    oracle = OracleModel(preset.causal.context, sizes.oracle_timestep_s)
+    protocol = _protocol(
+        preset,
+        episodes=sizes.oracle_gradient_seeds if gradient else sizes.oracle_seeds,
+        steps=sizes.oracle_gradient_steps if gradient else sizes.oracle_steps,
+    )
+    expert = pipeline.expert_artifact(preset)
+    return Trial(
+        *evaluate(
+            planner, protocol, oracle, parameters, load_expert(expert.path), upstream=[expert],
+            preset=preset.name,
+        )
+    )  # fmt: skip
+
+
+def dagger_start(preset: Preset) -> Start:
+    """Round 0 of Algorithm 3: the causal model and what it was trained on."""
+    names = ("train", "wide")
+    return Start(
+        expert=pipeline.expert(preset),
+        model=causal_model(preset),
+        train=tuple(pipeline.transitions(preset, name) for name in names),
+        test=pipeline.transitions(preset, "test"),
+        artifacts=(
+            pipeline.expert_artifact(preset),
+            pipeline.causal_artifact(preset),
+            *(pipeline.dataset_artifact(preset, name) for name in (*names, "test")),
+        ),
+    )
+
+
+def dagger(preset: Preset, *, rounds: int | None = None, decay: float | None = None) -> list[Round]:
+    """The rounds of Algorithm 3 with Gradient-CEM.
+
+    Args:
+        preset: The preset.
+        rounds: Only so many of the schedule's rounds.
+        decay: beta of section 6.2; default the preset's.
+    """
+    parameters = preset.dagger if decay is None else replace(preset.dagger, decay=decay)
+    return dagger_rounds(
+        dagger_start(preset), parameters, preset.gradient_cem, preset.simulation,
+        preset=preset.name, rounds=rounds,
+    )  # fmt: skip
+
+
+def round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
+    """Gradient-CEM before the first round and after each: round 0 first, the last one longest."""
+    found = [planner_trial(preset, "gradient_cem")]
+    for item in rounds:
+        last = item.index == len(preset.dagger.schedule)
+        long = {"steps": preset.evaluation.last_round_steps} if last else {}
+        found.append(planner_trial(preset, "gradient_cem", after=item, **long))
+    return found
+
+
+__all__ = [
+    "PLANNERS",
+    "Trial",
+    "baselines",
+    "baselines_artifact",
+    "causal_model",
+    "dagger",
+    "dagger_start",
+    "mean_trials",
+    "oracle_trial",
+    "planner_parameters",
+    "planner_trial",
+    "round_trials",
+]

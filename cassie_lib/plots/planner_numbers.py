@@ -1,0 +1,131 @@
+"""Numbers of notebooks 06 to 08: planner-only steps with intervals, and honest verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from cassie_lib.intervals import bootstrap_interval
+from cassie_lib.planning.episodes import PlannedEpisodes
+from cassie_lib.robot.schema import PERIOD
+from cassie_lib.walking_report import WalkingReport, walking_report
+
+#: A cycle counts as stepping when both feet were lifted so high in it.
+STEP_LIFT_M = 0.05
+
+
+class Verdict(NamedTuple):
+    """A median of planner-only steps beside a number of the thesis.
+
+    Attributes:
+        median: Planner-only control steps.
+        interval: Its 95 % bootstrap interval over the seeds.
+        verdict: As :data:`cassie_lib.results.VERDICTS` names it.
+        reason: Why, in a few words.
+    """
+
+    median: float
+    interval: tuple[float, float]
+    verdict: str
+    reason: str
+
+
+def planner_report(found: PlannedEpisodes) -> WalkingReport:
+    """Walking report of the steps that the planner drove.
+
+    With a padded start the first two cycles are left out, as for the expert.
+    """
+    return walking_report(found.recording, begin=found.log.handover_step or 2 * PERIOD)
+
+
+def stepping_share(found: PlannedEpisodes) -> np.ndarray:
+    """Share of each episode's planner-driven cycles with both feet lifted 5 cm, ``(N,)``.
+
+    NaN for an episode without a whole cycle.
+    """
+    recording, begin = found.recording, found.log.handover_step
+    shares = np.full(len(recording.length), np.nan)
+    for episode, length in enumerate(recording.length):
+        height = recording.foot_height[episode, begin : int(length) + 1]
+        cycles = len(height) // PERIOD
+        if cycles:
+            lift = height[: cycles * PERIOD].reshape(cycles, PERIOD, 2).max(axis=1)
+            shares[episode] = np.mean((lift >= STEP_LIFT_M).all(axis=1))
+    return shares
+
+
+def against_thesis(found: PlannedEpisodes, thesis_steps: float) -> Verdict:
+    """Compare planner-only steps with the thesis's number of steps until its fall.
+
+    ``better`` when the whole interval is above it, ``reproduced`` when the interval reaches it,
+    and neither when the robot stays upright without stepping in most of its cycles.
+    """
+    steps = found.planner_steps
+    low, high = bootstrap_interval(steps)
+    median, upright = float(np.median(steps)), int((~found.recording.fell).sum())
+    reasons = [f"{upright} of {len(steps)} seeds upright at the end"]
+    share = stepping_share(found)
+    stepping = np.isfinite(share).any() and float(np.nanmedian(share)) >= 0.5
+    verdict = "better" if low > thesis_steps else "reproduced"
+    if high < thesis_steps:
+        verdict = "not reproduced"
+        reasons.append("fell earlier than the thesis's robot")
+    elif not stepping:
+        verdict = "not comparable"
+        reasons.append("does not lift both feet in most cycles")
+    reasons.append("thesis: one run, its total probably includes a prefix; ours counts none")
+    return Verdict(median, (low, high), verdict, "; ".join(reasons))
+
+
+def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float, float, float]:
+    """Median gain in planner-only steps of the same seeds, and its 95 % interval."""
+    gain = after.planner_steps - before.planner_steps
+    low, high = bootstrap_interval(gain)
+    return float(np.median(gain)), low, high
+
+
+def steps_table(trials: Mapping[str, PlannedEpisodes], limit: int = 0):
+    """Planner-only steps of several trials as a pandas frame.
+
+    Args:
+        trials: Trials by label.
+        limit: Control steps, hand-over included, after which all are cut off so that trials of
+            different length compare; 0 for none.
+    """
+    import pandas as pd
+
+    rows = []
+    for label, found in trials.items():
+        total = min(limit or 10**9, found.recording.actions.shape[1]) - found.log.handover_step
+        steps = np.minimum(found.planner_steps, total)
+        low, high = bootstrap_interval(steps)
+        share = stepping_share(found)
+        known = share[np.isfinite(share)]
+        rows.append(
+            {
+                "trial": label,
+                "median planner-only steps": f"{np.median(steps):g}",
+                "95 % interval": f"{low:g} to {high:g}",
+                "least, greatest": f"{steps.min()}, {steps.max()}",
+                "still upright at its end": f"{(steps >= total).sum()}/{len(steps)} after {total}",
+                "cycles with both feet lifted 5 cm": f"{np.median(known):.0%}"
+                if len(known)
+                else "–",
+                "median plan (ms, all seeds)": f"{1e3 * found.plan_time_s:.0f}",
+            }
+        )
+    return pd.DataFrame(rows).set_index("trial")
+
+
+def median_episode(found: PlannedEpisodes) -> int:
+    """Episode whose length is the median (the upper one of two)."""
+    return int(np.argsort(found.recording.length, kind="stable")[len(found.planner_steps) // 2])
+
+
+def target_line(found: PlannedEpisodes, target: int) -> str:
+    """One line that says whether the median reaches a target."""
+    median = float(np.median(found.planner_steps))
+    verdict = "reached" if median >= target else "NOT reached"
+    return f"target of {target} planner-only steps (median): {verdict} with {median:g}"

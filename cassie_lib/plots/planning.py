@@ -1,0 +1,221 @@
+"""Figures of notebooks 06 and 07: rewards until the fall, what was imagined, why it fell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
+from cassie_lib.planning.cost_sweep import GradientCost, Sweep
+from cassie_lib.planning.episodes import PlannedEpisodes
+from cassie_lib.reward import WEIGHTS
+from cassie_lib.robot.schema import PERIOD
+
+Drawn = tuple[Figure, Mapping[str, Any]]
+#: Lines across reward figures.
+_LINES = {"pi*": (COLOURS["green"], "--"), "standing still": ("0.35", ":")}
+_SYMBOL = {"pi*": "π*", "tau": "τ"}
+
+
+def reward_panel(
+    axes: Axes,
+    found: PlannedEpisodes,
+    lines: Mapping[str, float],
+    *,
+    colour: str = COLOURS["blue"],
+    thesis_fall: int | None = None,
+) -> dict[str, np.ndarray]:
+    """Plain Eq 3.10 against the control step: median and range of the seeds still upright.
+
+    Args:
+        axes: Where to draw.
+        found: Episodes of a planner.
+        lines: Reward per step of the baselines by name.
+        colour: Of median and band.
+        thesis_fall: Control step at which the thesis's robot fell.
+
+    Returns:
+        The plotted columns.
+    """
+    reward, length = found.recording.reward, found.recording.length
+    last = max(1, int(length.max()))
+    steps, upright = np.arange(last), reward[:, :last]
+    middle = np.nanmedian(upright, axis=0) if length.max() else np.full(1, np.nan)
+    low, high = np.nanmin(upright, axis=0), np.nanmax(upright, axis=0)
+    axes.fill_between(steps, low, high, color=colour, alpha=0.25, lw=0, label="range of seeds")
+    axes.plot(steps, middle, "-", color=colour, lw=0.9, label="median")
+    for name, value in lines.items():
+        tone, style = _LINES[name]
+        axes.axhline(value, color=tone, ls=style, lw=1.0, label=_SYMBOL.get(name, name))
+    handover = found.log.handover_step
+    axes.axvline(handover, color="black", ls="-", lw=0.8, label="hand-over to the planner")
+    if thesis_fall:
+        axes.axvline(thesis_fall, color=COLOURS["purple"], ls="-.", lw=1.0,
+                     label=f"thesis: fall at {thesis_fall}")  # fmt: skip
+    fallen = np.flatnonzero(found.recording.fell & (length > 0))
+    where = length[fallen]
+    axes.plot(where, reward[fallen, where - 1], "x", color=COLOURS["vermillion"], ms=5, mew=1.3,
+              label="fall of a seed", clip_on=False, zorder=5)  # fmt: skip
+    axes.set_ylim(0.0, 1.02)
+    axes.set_ylabel("Eq 3.10 per step")
+    return {"step": steps, "median": middle, "low": low, "high": high,
+            "seeds_upright": np.isfinite(upright).sum(axis=0)}  # fmt: skip
+
+
+def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[str, Any]:
+    """Share of seeds upright against planner-only control steps, one line per trial."""
+    data = {}
+    tones = list(COLOURS.values())
+    for index, (label, found) in enumerate(trials.items()):
+        total = found.recording.actions.shape[1] - found.log.handover_step
+        steps = np.arange(total + 1)
+        # Upright for at least so many steps; at the end all that have not fallen remain.
+        share = (found.planner_steps[:, None] >= steps).mean(axis=0)
+        style = ("-", "--", "-.", ":")[index % 4]
+        axes.plot(steps, share, style, color=tones[index % len(tones)], label=label,
+                  drawstyle="steps-post")  # fmt: skip
+        if share[-1] > 0:
+            axes.plot(steps[-1], share[-1], ">", color=tones[index % len(tones)], ms=4)
+        data[label] = {"planner_steps": steps, "share_upright": share}
+    axes.set(xlabel="planner-only control steps", ylabel="share of seeds upright")
+    axes.set_ylim(0.0, 1.05)
+    axes.legend(loc="upper right", fontsize=6.5)
+    return data
+
+
+def plot_rewards(
+    learned: PlannedEpisodes,
+    oracle: PlannedEpisodes,
+    means: Mapping[str, PlannedEpisodes],
+    lines: Mapping[str, float],
+    thesis_fall: int,
+) -> Drawn:
+    """Reward until the fall (Figures 5.6 and 5.7), on the learned model and on the true one.
+
+    Args:
+        learned: The planner on the learned model.
+        oracle: The same planner on the true simulator.
+        means: Trials with other initial means of the plans.
+        lines: Reward per step of the baselines by name.
+        thesis_fall: Control step of the thesis's fall.
+    """
+    figure, axes = plt.subplots(
+        3, 1, figsize=(COLUMN_WIDTH_IN, 6.0), height_ratios=(1.25, 1.0, 1.0)
+    )
+    top = reward_panel(axes[0], learned, lines, thesis_fall=thesis_fall)
+    middle = reward_panel(axes[1], oracle, lines, colour=COLOURS["orange"], thesis_fall=thesis_fall)
+    seeds, few = len(learned.recording.length), len(oracle.recording.length)
+    axes[0].set_title(f"planning on the learned model, {seeds} seeds")
+    axes[1].set_title(f"the same planner on the true simulator, {few} seed" + "s" * (few > 1))
+    steps = oracle.recording.actions.shape[1]
+    for ax in axes[:2]:
+        ax.set_xlabel("control step (0.03 s each)")
+        ax.set_xlim(0, 1.01 * learned.recording.actions.shape[1])
+    axes[1].axvspan(steps, axes[1].get_xlim()[1], color="0.93", lw=0)
+    axes[1].text(steps, 0.05, "  not run: too expensive", fontsize=6.5, color="0.4")
+    survival = survival_panel(axes[2], {**means, "true simulator": oracle})
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    return figure, {"learned": top, "oracle": middle} | {
+        f"upright, {name}": columns for name, columns in survival.items()
+    }
+
+
+def plot_imagined(trials: Mapping[str, PlannedEpisodes]) -> Drawn:
+    """Imagined against realised return of every plan, and their difference before a fall.
+
+    The plan is made anew at every step, so the realised return is not that of the plan itself.
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH_IN, 2.7))
+    data = {}
+    tones = (COLOURS["blue"], COLOURS["orange"], COLOURS["green"])
+    for tone, (label, found) in zip(tones, trials.items(), strict=False):
+        imagined, realised = found.imagined_and_realised()
+        left.plot(realised, imagined, ".", color=tone, ms=1.5, alpha=0.35, rasterized=True)
+        left.plot([], [], "o", color=tone, ms=4, label=label)
+        before, error = _optimism(found)
+        right.plot(before, error, "-", color=tone, label=label)
+        data[label] = {"imagined": imagined, "realised": realised}
+        data[f"{label}, before a fall"] = {"steps_before_end": before, "median_difference": error}
+    low, high = left.get_xlim()
+    left.plot([low, high], [low, high], "-", color="0.5", lw=0.8, label="equal")
+    left.set(xlabel="realised return (Eq 3.11)", ylabel="imagined return (Eq 3.11)")
+    left.legend(loc="lower right")
+    right.axhline(0.0, color="0.5", lw=0.8)
+    right.invert_xaxis()
+    right.set(xlabel="control steps before the end", ylabel="imagined − realised (median)")
+    right.legend(loc="upper left")
+    return figure, data
+
+
+def _optimism(found: PlannedEpisodes, reach: int = 4 * PERIOD) -> tuple[np.ndarray, np.ndarray]:
+    """Median difference of imagined and realised return, by control steps before the end."""
+    difference = (found.log.imagined_return - found.log.realised_return).T
+    before = found.recording.length[:, None] - np.arange(difference.shape[1])
+    known = np.isfinite(difference)
+    counts = np.arange(reach, 0, -1)
+    rows = [difference[known & (before == count)] for count in counts]
+    kept = [index for index, row in enumerate(rows) if len(row)]
+    return counts[kept], np.array([np.median(rows[index]) for index in kept])
+
+
+def plot_fall_terms(found: PlannedEpisodes, reach: int = 2 * PERIOD) -> Drawn:
+    """The six terms of Eq 3.10 before the end of an episode, each as share of its weight.
+
+    Mean over the seeds that fell (over all of them if none did).
+    """
+    recording = found.recording
+    chosen = recording.fell if recording.fell.any() else np.ones(len(recording.length), bool)
+    before = recording.length[chosen, None] - np.arange(recording.actions.shape[1])
+    counts = np.arange(min(reach, int(before.max())), 0, -1)
+    figure, ax = plt.subplots(figsize=(COLUMN_WIDTH_IN, 2.6))
+    data: dict[str, Any] = {"steps_before_end": counts}
+    styles = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)))
+    for (name, weight), tone, style in zip(WEIGHTS.items(), COLOURS.values(), styles, strict=False):
+        values = recording.terms[name][chosen] / weight
+        data[name] = np.array([values[before == count].mean() for count in counts])
+        label = f"{name.replace('_', ' ')} ({weight:g})"
+        ax.plot(counts, data[name], linestyle=style, color=tone, label=label)
+    ax.invert_xaxis()
+    ax.set_ylim(0.0, 1.02)
+    ended = f"the fall ({chosen.sum()} seeds)" if recording.fell.any() else "the end (no fall)"
+    ax.set(xlabel=f"control steps before {ended}", ylabel="term / its weight")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure, data
+
+
+def plot_costs(sweeps: Sequence[Sweep], gradients: Sequence[GradientCost]) -> Drawn:
+    """Time of a plan against N, tau and H; memory and time of gradients on K and on N."""
+    figure, axes = plt.subplots(2, 2, figsize=(COLUMN_WIDTH_IN, 4.2))
+    data: dict[str, dict[str, Any]] = {}
+    labels = {"N": "samples N", "tau": "horizon τ (control steps)", "H": "context H (states)"}
+    for ax, sweep in zip(axes.flat, sweeps, strict=False):
+        ax.loglog(sweep.values, 1e3 * sweep.seconds, "o-", color=COLOURS["blue"], ms=4)
+        linear = 1e3 * sweep.seconds[-1] * sweep.values / sweep.values[-1]
+        ax.loglog(sweep.values, linear, ":", color="0.5", label="proportional")
+        ax.set_xticks(sweep.values, [str(value) for value in sweep.values])
+        ax.minorticks_off()
+        ax.set(xlabel=labels[sweep.name], ylabel="one plan, C = 1 (ms)")
+        ax.set_title(f"time ∝ {_SYMBOL.get(sweep.name, sweep.name)}$^{{{sweep.exponent:.2f}}}$")
+        ax.legend()
+        data[f"plan against {sweep.name}"] = {"value": sweep.values, "seconds": sweep.seconds}
+    ax, places = axes[1, 1], np.arange(len(gradients))
+    memory = [item.memory_bytes / 2**20 for item in gradients]
+    bars = ax.bar(places, memory, 0.55, color=COLOURS["sky"])
+    times = [f"{item.seconds:.2g} s" for item in gradients]
+    texts = [f"{size:.3g} MB\n{time}" for size, time in zip(memory, times, strict=True)]
+    ax.bar_label(bars, texts, fontsize=7)
+    ax.set_xticks(places, [f"{item.sequences} sequences" for item in gradients])
+    ax.set(ylabel="memory held (MB)", title="one gradient of the return", yscale="log")
+    ax.set_ylim(0.3 * min(memory), 8 * max(memory))
+    data["gradient"] = {
+        "sequences": [item.sequences for item in gradients],
+        "memory_bytes": [item.memory_bytes for item in gradients],
+        "seconds": [item.seconds for item in gradients],
+    }
+    return figure, data

@@ -23,7 +23,8 @@ from cassie_lib.errors import (
     ShapeError,
     UnknownNameError,
 )
-from cassie_lib.planning.cem import CEM, Candidates, Scorer
+from cassie_lib.planning.candidates import Candidates, Scorer
+from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.gradient_cem import GradientCEM, momentum_step, normalise
 from cassie_lib.planning.objective import Objective
 from cassie_lib.planning.sampling import shift

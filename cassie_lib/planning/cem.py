@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from cassie_lib.errors import NonFiniteError, ParameterError, ShapeError, unknown_name
+from cassie_lib.planning.candidates import Candidates, Scorer
 from cassie_lib.planning.objective import Objective
 from cassie_lib.planning.sampling import initial_distribution, refit, sample, shift
 from cassie_lib.presets import CEMParameters
@@ -42,65 +43,6 @@ class Plan(NamedTuple):
     rollouts: int
     best_by_round: torch.Tensor
     states: torch.Tensor
-
-
-class Candidates(NamedTuple):
-    """Scored sequences: ``actions (E, N, T, 10)``, ``value (E, N)``, ``states (E, N, T, 49)``."""
-
-    actions: torch.Tensor
-    value: torch.Tensor
-    states: torch.Tensor
-
-    def top(self, count: int) -> Candidates:
-        """The ``count`` best of each episode, best first.
-
-        Where fewer than ``count`` have a finite prediction the best one fills up, so that a
-        sequence that the model cannot predict never enters the next distribution.
-        """
-        value, order = self.value.topk(count, dim=1)
-        order = torch.where(torch.isfinite(value), order, order[:, :1])
-        row = torch.arange(order.shape[0], device=order.device)[:, None]
-        return Candidates(self.actions[row, order], self.value[row, order], self.states[row, order])
-
-
-class Scorer:
-    """The objective bound to one planning problem; counts and remembers the best it has seen.
-
-    Raises:
-        SchemaError, ShapeError: If the history does not fit the model.
-    """
-
-    def __init__(self, objective: Objective, history, phase, lateral_m):
-        self._objective = objective.bind(history, phase, lateral_m)
-        self.non_finite = torch.zeros(len(phase), dtype=torch.long, device=phase.device)
-        self.rollouts = 0
-        self.best: Candidates | None = None
-
-    def __call__(self, actions: torch.Tensor) -> Candidates:
-        """Score ``actions (E, N, T, 10)``; differentiable in them.
-
-        Raises:
-            NonFiniteError: If an episode has had no finite prediction so far.
-        """
-        score = self._objective(actions)
-        self.rollouts += actions.shape[1]
-        with torch.no_grad():
-            self.non_finite = self.non_finite + (~score.finite).sum(dim=1)
-            self._keep(Candidates(actions.detach(), score.value.detach(), score.states.detach()))
-        return Candidates(actions, score.value, score.states)
-
-    def _keep(self, candidates: Candidates) -> None:
-        best = candidates.top(1)
-        if self.best is not None:
-            pairs = zip(self.best, best, strict=True)
-            best = Candidates(*(torch.cat(pair, dim=1) for pair in pairs)).top(1)
-        lost = torch.nonzero(~torch.isfinite(best.value[:, 0])).flatten().tolist()
-        if lost:
-            raise NonFiniteError(
-                f"every candidate of episodes {lost} has a non-finite prediction: expected at "
-                f"least one finite one"
-            )
-        self.best = best
 
 
 def check_parameters(parameters: CEMParameters) -> None:

@@ -24,19 +24,24 @@ def standing_history(episodes: int, context: int) -> History:
 
 
 def seconds(
-    work: Callable[[], object], repeats: int = 3, clock: Callable[[], float] = time.process_time
+    work: Callable[[], object],
+    repeats: int = 3,
+    clock: Callable[[], float] = time.process_time,
+    warm: bool = True,
 ) -> float:
-    """Shortest time of some calls, in s, after one that does not count, on one torch thread.
+    """Shortest time of some calls, in s, on one torch thread.
 
     Args:
         work: What is timed.
         repeats: How often.
         clock: Processor time by default, which other processes do not lengthen; on one thread of
             an idle machine it is the wall time.
+        warm: Begin with a call that does not count.
     """
     found = []
     with one_torch_thread():
-        work()
+        if warm:
+            work()
         for _ in range(repeats):
             start = clock()
             work()
@@ -96,9 +101,9 @@ def _problem(objective: Objective, candidates: int, horizon: int):
     )
 
 
-def plan_seconds(planner, episodes: int = 1, repeats: int = 3) -> float:
+def plan_seconds(planner, episodes: int = 1, repeats: int = 3, warm: bool = True) -> float:
     """Time (s) of one plan for so many episodes."""
     history = standing_history(episodes, planner.objective.model.context)
     zero = torch.zeros(episodes)
     planner.reset(range(episodes))
-    return seconds(lambda: planner.plan(history, zero.long(), zero), repeats)
+    return seconds(lambda: planner.plan(history, zero.long(), zero), repeats, warm=warm)

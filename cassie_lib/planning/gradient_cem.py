@@ -10,7 +10,8 @@ from __future__ import annotations
 import torch
 
 from cassie_lib.errors import ParameterError
-from cassie_lib.planning.cem import CEM, Candidates, Scorer
+from cassie_lib.planning.candidates import Candidates, Scorer
+from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.objective import Objective
 from cassie_lib.presets import GradientCEMParameters
 

@@ -14,7 +14,7 @@ from cassie_lib import paths
 ORDER = """
 errors paths files code_version presets logs checkpoints intervals artifacts provenance
 robot reward gait recorded_gait simulator environment physics_checks walking walking_report
-expert data dynamics planning dagger pipeline planner_pipeline
+expert data dynamics planning dagger pipeline planner_pipeline grid_search
 stamps results figures video plots gallery notebook_run batch
 """.split()
 WITHOUT_TORCH = """

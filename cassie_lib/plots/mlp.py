@@ -139,59 +139,66 @@ def plot_group_errors(results: Mapping[str, Mapping[str, OpenLoop]]) -> Drawn:
     """Error of positions, velocities and accelerations relative to their variance, by step.
 
     Args:
-        results: Set name to model label to its errors.  Sets differ by line, models by colour;
-            predicting no change is black.
+        results: Set name to model label to its errors, two sets and up to three models.  Sets
+            differ by line, models by colour; predicting no change is black.
     """
     figure, panels = plt.subplots(1, 3, figsize=(COLUMN_WIDTH_IN, 2.5), sharey=True)
     table: dict[str, dict[str, np.ndarray]] = {}
-    for line, (set_name, models) in zip(("--", "-"), results.items(), strict=False):
-        for colour, (label, result) in zip(("blue", "vermillion"), models.items(), strict=False):
-            _relative_lines(panels, table, (set_name, label), result, COLOURS[colour], line)
-        last = next(reversed(models.values()))
-        _relative_lines(panels, table, (set_name, "no change"), last, "black", line)
+    colours = [COLOURS[name] for name in ("blue", "vermillion", "green")]
+    handles = []
+    for line, (set_name, models) in zip((":", "-"), results.items(), strict=True):
+        drawn = {label: result.model for label, result in models.items()}
+        result = next(iter(models.values()))
+        drawn["no change"] = result.no_change
+        for colour, (label, errors) in zip([*colours[: len(models)], "black"], drawn.items(),
+                                           strict=True):  # fmt: skip
+            column = _by_order(errors, result.variance)
+            for axes, values in zip(panels, list(column.values())[1:], strict=True):
+                curve = axes.plot(column["step"], values, color=colour, linestyle=line, label=label)
+            table[f"{label}, {set_name}"] = column
+            handles += curve if line == "-" else []
+        handles += panels[0].plot([], [], color="grey", linestyle=line, label=f"{set_name} set")
     panels[0].set(yscale="log", ylabel="squared error / variance")
     for axes, group in zip(panels, ORDERS, strict=True):
         axes.set_title(group)
         axes.set_xlabel("predicted step")
         axes.axhline(1.0, color="grey", linestyle="-", linewidth=0.6)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure, table
 
 
-def _relative_lines(panels, table, names, result: OpenLoop, colour: str, line: str) -> None:
-    set_name, label = names
-    errors = result.no_change if label == "no change" else result.model
-    steps = np.arange(1, len(errors) + 1)
-    column: dict[str, np.ndarray] = {"step": steps}
-    varying = result.variance > CONSTANT
-    for axes, (group, order) in zip(panels, ORDERS.items(), strict=True):
-        chosen = varying & (DERIVATIVE_ORDER[PHYSICAL] == order)
-        column[group] = (errors[:, chosen] / result.variance[chosen]).mean(axis=1)
-        axes.plot(steps, column[group], color=colour, linestyle=line, label=f"{label}, {set_name}")
-    table[f"{label}, {set_name}"] = column
+def _by_order(errors: np.ndarray, variance: np.ndarray) -> dict[str, np.ndarray]:
+    """Mean squared errors ``(T, 46)`` over variance, averaged per derivative order."""
+    column: dict[str, np.ndarray] = {"step": np.arange(1, len(errors) + 1)}
+    for group, order in ORDERS.items():
+        chosen = (variance > CONSTANT) & (DERIVATIVE_ORDER[PHYSICAL] == order)
+        column[group] = (errors[:, chosen] / variance[chosen]).mean(axis=1)
+    return column
 
 
-def error_table(result: OpenLoop, step: int) -> str:
+def error_table(result: OpenLoop, mean_gait: OpenLoop, step: int) -> str:
     """Markdown table of root mean square errors per row of Table 4.1, in its unit.
 
     Args:
         result: Errors of a model.
+        mean_gait: Errors of :class:`~cassie_lib.plots.mean_gait.MeanGait` on the same windows.
         step: Predicted step, from 1.
     """
     lines = [
-        f"| group, step {step} | unit | model | no change | model² / variance |",
-        "|---|---|---|---|---|",
+        f"| group, step {step} | unit | model | mean gait | no change | model² / variance |",
+        "|---|---|---|---|---|---|",
     ]
     for group in GROUPS:
         if group.slice.start >= PHYSICAL.stop:
             continue
-        model, none = result.model[step - 1, group.slice], result.no_change[step - 1, group.slice]
+        errors = (result.model, mean_gait.model, result.no_change)
+        model, gait, none = (part[step - 1, group.slice] for part in errors)
         variance = result.variance[group.slice]
         varying = variance > CONSTANT
-        relative = np.mean(model[varying] / variance[varying])
+        ratio = model[varying] / variance[varying]
+        relative = f"{ratio.mean():.3g}" if len(ratio) else "constant"
         lines.append(
             f"| {group.name} | {group.unit} | {np.sqrt(model.mean()):.3g} "
-            f"| {np.sqrt(none.mean()):.3g} | {relative:.3g} |"
+            f"| {np.sqrt(gait.mean()):.3g} | {np.sqrt(none.mean()):.3g} | {relative} |"
         )
     return "\n".join(lines) + "\n"

@@ -9,6 +9,8 @@ import numpy as np
 
 from cassie_lib.intervals import bootstrap_interval
 from cassie_lib.planning.episodes import PlannedEpisodes
+from cassie_lib.provenance import Provenance
+from cassie_lib.results import record_result
 from cassie_lib.robot.schema import PERIOD
 from cassie_lib.walking_report import WalkingReport, walking_report
 
@@ -79,11 +81,66 @@ def against_thesis(found: PlannedEpisodes, thesis_steps: float) -> Verdict:
     return Verdict(median, (low, high), verdict, "; ".join(reasons))
 
 
+def record_steps(
+    claim_id: str,
+    figure: str,
+    claim: str,
+    found: PlannedEpisodes,
+    thesis_steps: float,
+    provenance: Provenance,
+) -> str:
+    """Record planner-only steps beside a number of the thesis; arguments as ``record_result``.
+
+    The time from nothing is that of all artifacts of the provenance.
+
+    Returns:
+        One line for the reader.
+    """
+    result = against_thesis(found, thesis_steps)
+    record_result(
+        claim_id, figure, provenance.preset, result.median, result.interval,
+        len(found.planner_steps), found.recording.protocol,
+        sum(item.wall_time_s for item in provenance.artifacts), thesis_steps, result.verdict,
+        claim=claim, unit="steps", reason=result.reason,
+    )  # fmt: skip
+    low, high = result.interval
+    return (
+        f"{claim}: thesis {thesis_steps:g} in all, here {result.median:g} by the planner alone "
+        f"(95 % interval {low:g} to {high:g}): {result.verdict} ({result.reason})"
+    )
+
+
 def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float, float, float]:
     """Median gain in planner-only steps of the same seeds, and its 95 % interval."""
     gain = after.planner_steps - before.planner_steps
     low, high = bootstrap_interval(gain)
     return float(np.median(gain)), low, high
+
+
+def record_gain(
+    claim_id: str,
+    figure: str,
+    gain: tuple[float, float, float],
+    found: PlannedEpisodes,
+    provenance: Provenance,
+) -> None:
+    """Record what retraining gained: reproduced when the whole interval is above zero.
+
+    Args:
+        claim_id: As for ``record_result``.
+        figure: As for ``record_result``.
+        gain: Of :func:`improvement`.
+        found: The episodes after retraining, for seeds and protocol.
+        provenance: Of the notebook.
+    """
+    median, low, high = gain
+    record_result(
+        claim_id, figure, provenance.preset, median, (low, high), len(found.planner_steps),
+        found.recording.protocol, sum(item.wall_time_s for item in provenance.artifacts),
+        "126 to 155", "reproduced" if low > 0 else "not reproduced",
+        claim="gain in planner-only steps by retraining, same seeds", unit="steps",
+        reason="" if low > 0 else "the interval of the gain reaches zero",
+    )  # fmt: skip
 
 
 def steps_table(trials: Mapping[str, PlannedEpisodes], limit: int = 0):

@@ -61,8 +61,7 @@ def reward_panel(
     where = length[fallen]
     axes.plot(where, reward[fallen, where - 1], "x", color=COLOURS["vermillion"], ms=5, mew=1.3,
               label="fall of a seed", clip_on=False, zorder=5)  # fmt: skip
-    axes.set_ylim(0.0, 1.02)
-    axes.set_ylabel("Eq 3.10 per step")
+    axes.set(ylim=(0.0, 1.02), yticks=np.linspace(0.0, 1.0, 6), ylabel="Eq 3.10 per step")
     return {"step": steps, "median": middle, "low": low, "high": high,
             "seeds_upright": np.isfinite(upright).sum(axis=0)}  # fmt: skip
 
@@ -83,6 +82,7 @@ def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[st
             axes.plot(steps[-1], share[-1], ">", color=tones[index % len(tones)], ms=4)
         data[label] = {"planner_steps": steps, "share_upright": share}
     axes.set(xlabel="planner-only control steps", ylabel="share of seeds upright")
+    axes.set_xlim(left=0.0)
     axes.set_ylim(0.0, 1.05)
     axes.legend(loc="upper right", fontsize=6.5)
     return data

@@ -1,0 +1,170 @@
+"""Figures of notebook 08: what the rounds of DAgger change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cassie_lib.dagger import Round, to_transitions
+from cassie_lib.dynamics.evaluation import CONSTANT, open_loop
+from cassie_lib.dynamics.model import DynamicsModel
+from cassie_lib.dynamics.windows import Transitions
+from cassie_lib.errors import DataError
+from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN, bootstrap_interval
+from cassie_lib.planning.episodes import PlannedEpisodes
+from cassie_lib.plots.planning import reward_panel
+from cassie_lib.robot.rendering import pictures
+
+Drawn = tuple[Figure, Mapping[str, Any]]
+#: Panels of the rewards: rounds 0, 1, 2 (the thesis's budget) and the last one.
+SHOWN_ROUNDS = (0, 1, 2, -1)
+
+
+def plot_round_rewards(
+    trials: Sequence[PlannedEpisodes], lines: Mapping[str, float], thesis_fall: int
+) -> Drawn:
+    """Reward until the fall after rounds 0, 1, 2 and the last one (Figure 5.8).
+
+    Args:
+        trials: Gradient-CEM after each round, round 0 first.
+        lines: Reward per step of the baselines by name.
+        thesis_fall: Control step at which the thesis's robot fell after two rounds.
+    """
+    rounds = sorted({place % len(trials) for place in SHOWN_ROUNDS if place < len(trials)})
+    figure, axes = plt.subplots(
+        len(rounds), 1, figsize=(COLUMN_WIDTH_IN, 1.0 + 1.55 * len(rounds)), squeeze=False
+    )
+    data = {}
+    for ax, index in zip(axes[:, 0], rounds, strict=True):
+        found = trials[index]
+        data[f"round {index}"] = reward_panel(ax, found, lines, thesis_fall=thesis_fall)
+        ax.set_title(f"round {index}: median of {np.median(found.planner_steps):g} planner-only "
+                     f"steps")  # fmt: skip
+        ax.set_xlim(0, 1.01 * found.recording.actions.shape[1])
+    axes[-1, 0].set_xlabel("control step (0.03 s each)")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return figure, data
+
+
+def planner_errors(
+    models: Sequence[DynamicsModel],
+    trials: Sequence[PlannedEpisodes],
+    expert: Transitions,
+    horizon: int,
+) -> dict[str, np.ndarray]:
+    """Relative error at the last predicted step, on expert states and on planner states.
+
+    Both are squared errors over the variance of the expert's states, so that they compare.
+    Planner states are those that the planner with the same model visited in closed loop.
+
+    Args:
+        models: Model of each round.
+        trials: Episodes of the planner on each of them.
+        expert: Recording of the expert that no model was trained on.
+        horizon: Predicted control steps.
+
+    Returns:
+        ``{"expert states": (R,), "planner states": (R,)}``; NaN where no episode is long enough.
+    """
+    found: dict[str, list[float]] = {"expert states": [], "planner states": []}
+    for model, trial in zip(models, trials, strict=True):
+        own = open_loop(model, expert, horizon)
+        varying = own.variance > CONSTANT
+        # The first window predicts from the first action of the planner.
+        begin = max(0, trial.log.handover_step - model.context + 1)
+        try:
+            errors = open_loop(model, to_transitions(trial.recording, begin), horizon).model
+        except DataError:
+            errors = np.full_like(own.model, np.nan)
+        for name, values in (("expert states", own.model), ("planner states", errors)):
+            relative = values[-1, varying] / own.variance[varying]
+            found[name].append(float(relative.mean()))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def plot_progress(
+    runs: Mapping[str, Sequence[PlannedEpisodes]],
+    errors: Mapping[str, np.ndarray],
+    rounds: Sequence[Round],
+    thesis_steps: int,
+) -> Drawn:
+    """Planner-only steps and model errors against the round.
+
+    Args:
+        runs: Trials after each round by label (keeping everything, beta-decay); round 0 first.
+        errors: Of :func:`planner_errors`.
+        rounds: The rounds, with their reports.
+        thesis_steps: Of the thesis after two rounds.
+    """
+    figure, axes = plt.subplots(1, 3, figsize=(COLUMN_WIDTH_IN, 2.8), width_ratios=(1.3, 1, 1))
+    data = {label: _steps_panel(axes[0], label, trials, place)
+            for place, (label, trials) in enumerate(runs.items())}  # fmt: skip
+    axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
+    axes[0].set(yscale="symlog", ylim=(0, None), xlabel="round", title="planner-only steps")
+    axes[0].legend(fontsize=6.5)
+    for name, tone in zip(errors, (COLOURS["green"], COLOURS["vermillion"]), strict=False):
+        values = errors[name]
+        axes[1].plot(np.arange(len(values)), values, "o-", ms=3.5, color=tone, label=name)
+        data[name] = {"round": np.arange(len(values)), "relative_error": values}
+    axes[1].set(yscale="log", xlabel="round", title="model error, last step")
+    axes[1].legend(fontsize=6.5)
+    numbers = np.array([item.index for item in rounds])
+    for when, style in (("before", "o--"), ("after", "s-")):
+        values = np.array([item.report["relative_error"]["round"][when][-1] for item in rounds])
+        axes[2].plot(numbers, values, style, ms=3.5, color=COLOURS["blue"], label=when,
+                     mfc="white" if when == "before" else None)  # fmt: skip
+        data[f"round's data, {when} retraining"] = {"round": numbers, "relative_error": values}
+    axes[2].set(yscale="log", xlabel="round", title="error on its new data")
+    axes[2].legend(title="retraining", title_fontsize=6.5, fontsize=6.5)
+    for ax in axes:
+        ax.set_xticks(range(len(rounds) + 1))
+    return figure, data
+
+
+def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes], place: int):
+    """Median, interval and seeds of planner-only steps against the round."""
+    tone, shift = list(COLOURS.values())[place], 0.12 * place
+    numbers = np.arange(len(trials)) + shift
+    steps = [found.planner_steps for found in trials]
+    middle = np.array([np.median(values) for values in steps])
+    bounds = np.array([bootstrap_interval(values) for values in steps]).T
+    for number, values in zip(numbers, steps, strict=True):
+        ax.plot(np.full(len(values), number), values, ".", color=tone, ms=3, alpha=0.35)
+    ax.errorbar(numbers, middle, np.abs(bounds - middle), fmt="-o" if place == 0 else "--s",
+                color=tone, capsize=3, ms=4, label=label)  # fmt: skip
+    return {"round": np.arange(len(trials)), "median": middle, "low": bounds[0], "high": bounds[1]}
+
+
+def longest(found: PlannedEpisodes) -> int:
+    """Episode that lasted longest."""
+    return int(found.recording.length.argmax())
+
+
+def side_by_side(
+    left: PlannedEpisodes, right: PlannedEpisodes, steps: int, *, stride: int = 2, size: int = 280
+) -> np.ndarray:
+    """Frames of the ends of two episodes, next to each other; both end at the same frame.
+
+    Args:
+        left: Its shortest episode is shown, up to its fall.
+        right: Its longest episode is shown, up to its end.
+        steps: Control steps, at most.
+        stride: Control steps per frame.
+        size: Pixels per side of each half.
+
+    Returns:
+        ``(F, size, 2 size, 3)`` uint8; an episode that is too short begins with a still.
+    """
+    halves = []
+    for found, episode in ((left, int(left.recording.length.argmin())), (right, longest(right))):
+        end = int(found.recording.length[episode]) + 1
+        qpos = found.recording.qpos[episode, max(0, end - steps) : end : stride]
+        halves.append(pictures(qpos, width=size, height=size)[0])
+    frames = max(len(half) for half in halves)
+    padded = [np.concatenate([half[:1].repeat(frames - len(half), 0), half]) for half in halves]
+    return np.concatenate(padded, axis=2)

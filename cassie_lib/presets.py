@@ -178,6 +178,7 @@ class GridParameters:
     horizon: int = 10  # tau of the training
     gradient_penalty: float = 1e-2
     evaluation_windows: int = 2000  # of the validation set
+    base_seeds: int = 3  # trainings of the choice itself: their spread is noise
 
 
 @dataclass(frozen=True)
@@ -331,8 +332,11 @@ def _smoke() -> Preset:
             encoder_layers=1, decoder_layers=1, feedforward_size=32, horizon=2, epochs=2,
             windows_per_epoch=64, batch_size=32, scheduler_patience=1, patience=1,
         ),
-        grid=GridParameters(batch_size=(16, 32, 64), context=(6, 8, 10), epochs=1,
-                            windows_per_epoch=64, horizon=1, evaluation_windows=32),
+        grid=GridParameters(
+            batch_size=(16, 32), context=(6, 8), learning_rate=(1e-3, 1e-4), dropout=(0.1, 0.2),
+            weight_decay=(1e-3, 1e-2), base_seeds=2, epochs=1, windows_per_epoch=64, horizon=1,
+            evaluation_windows=32,
+        ),
         causal=CausalParameters(
             context=6, model_size=16, heads=2, layers=1, feedforward_size=32, horizon=3, steps=6,
             batch_size=16, validation_steps=3, validation_windows=16, max_minutes=0.5,

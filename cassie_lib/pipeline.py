@@ -10,6 +10,8 @@ import shutil
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
+
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
 from cassie_lib.data import Episodes, collect, collect_noise_study, open_dataset
 from cassie_lib.dynamics.store import save_model
@@ -168,6 +170,35 @@ def mlp_artifact(preset: Preset, *, curriculum: bool = False, seed: int | None =
     )  # fmt: skip
 
 
+def held_out_artifacts(preset: Preset) -> tuple[Artifact, Artifact, Artifact, Artifact]:
+    """Test, validation, noise study and wide test: what :func:`held_out_sets` reads."""
+    test, validation, wide = (
+        dataset_artifact(preset, name) for name in ("test", "validation", "wide_test")
+    )
+    return test, validation, noise_study_artifact(preset), wide
+
+
+def held_out_sets(preset: Preset) -> dict[str, Transitions]:
+    """Recordings that no model has trained on, by action noise sigma in rad, least first.
+
+    sigma of the training set comes from the noise study, which has other seeds; the largest is
+    ``wide_test``, of the kind of noise that only the causal model has trained on.
+    """
+    test, validation, study, wide = (open_dataset(a.path) for a in held_out_artifacts(preset))
+    level = preset.data.train.noise_std_rad
+    own = np.flatnonzero(np.isclose(study.noise_std_rad, level))
+    ends = np.append(study.episode_starts[1:], len(study))
+    # The episodes of one level lie side by side.
+    middle = study.part(int(study.episode_starts[own[0]]), int(ends[own[-1]]))
+    found = {
+        preset.data.test.noise_std_rad: test,
+        preset.data.validation.noise_std_rad: validation,
+        level: middle,
+        preset.data.wide_test.noise_std_rad: wide,
+    }
+    return {f"σ = {sigma:g}": as_transitions(episodes) for sigma, episodes in found.items()}
+
+
 def transformer_artifact(preset: Preset) -> Artifact:
     """The thesis's transformer of section 5.1.2: weights, card and ``timing_log.csv``."""
     names = ("train", "validation", "test")
@@ -228,6 +259,8 @@ __all__ = [
     "dataset_artifact",
     "expert",
     "expert_artifact",
+    "held_out_artifacts",
+    "held_out_sets",
     "mlp_artifact",
     "noise_study_artifact",
     "reward_only_artifact",

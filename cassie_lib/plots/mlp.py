@@ -145,7 +145,7 @@ def plot_group_errors(results: Mapping[str, Mapping[str, OpenLoop]]) -> Drawn:
     figure, panels = plt.subplots(1, 3, figsize=(COLUMN_WIDTH_IN, 2.5), sharey=True)
     table: dict[str, dict[str, np.ndarray]] = {}
     colours = [COLOURS[name] for name in ("blue", "vermillion", "green")]
-    handles = []
+    handles: list[Any] = []
     for line, (set_name, models) in zip((":", "-"), results.items(), strict=True):
         drawn = {label: result.model for label, result in models.items()}
         result = next(iter(models.values()))

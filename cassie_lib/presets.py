@@ -368,7 +368,7 @@ def _laptop() -> Preset:
         grid=GridParameters(epochs=4, windows_per_epoch=6144, horizon=1, gradient_penalty=0.0,
                             evaluation_windows=500),
         causal=CausalParameters(
-            layers=2, model_size=160, feedforward_size=640, max_minutes=25.0
+            layers=2, model_size=160, feedforward_size=640, batch_size=64, max_minutes=22.0
         ),
         cem=CEMParameters(samples=256, elites=32, iterations=4, mean="warm", keep_best=True,
                           include_mean=True),

@@ -215,12 +215,9 @@ def run_episodes(
         if push is not None:
             push.apply(simulator, step)
         observation = Observation(
-            simulator.states,
-            simulator.physics.copy(),
-            simulator.phase.copy(),
-            simulator.pelvis_position,
-            step,
-        )
+            simulator.states, simulator.physics.copy(), simulator.phase.copy(),
+            simulator.pelvis_position, step
+        )  # fmt: skip
         actions = controller.act(observation)
         if noise_std_rad:
             actions = actions + rng.normal(0.0, noise_std_rad, actions.shape)
@@ -296,15 +293,6 @@ class _Tape:
 
     def recording(self, speed_mps: float, protocol: str) -> Recording:
         return Recording(
-            self.states,
-            self.actions,
-            self.qpos,
-            self.foot_position,
-            self.foot_height,
-            self.foot_force,
-            self.phase,
-            self.terms,
-            self.length,
-            speed_mps,
-            protocol,
-        )
+            self.states, self.actions, self.qpos, self.foot_position, self.foot_height,
+            self.foot_force, self.phase, self.terms, self.length, speed_mps, protocol
+        )  # fmt: skip

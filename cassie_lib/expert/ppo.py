@@ -31,16 +31,13 @@ _VALUE_SCALE = 10.0
 
 @dataclass
 class Rollout:
-    """What the robots saw and did in one update; time first, robots second.
+    """What the robots saw and did in one update; every tensor is ``(T, N, ...)``, time first.
 
     Attributes:
-        inputs: Normalised states ``(T, N, 49)``.
-        actions: ``(T, N, 10)`` rad.
-        log_probability: Of the actions when taken, ``(T, N)``.
-        values: Critic, ``(T, N)``.
-        rewards: Training reward, ``(T, N)``; at a time limit the value of what would have come.
-        starts: 1 where an episode starts, ``(T, N)``.
-        ends: 1 where it ends after the step, ``(T, N)``.
+        inputs, actions: Normalised states ``(T, N, 49)`` and actions ``(T, N, 10)`` in rad.
+        log_probability, values: Of the actions when taken, and by the critic.
+        rewards: Training reward; at a time limit with the value of what would have come.
+        starts, ends: 1 where an episode starts with the step or ends after it.
         memories: Actor and critic memories at the start of each sequence.
         last_value: Critic after the last step, ``(N,)``.
     """
@@ -57,20 +54,14 @@ class Rollout:
 
 
 def generalised_advantages(
-    rewards: Tensor,
-    values: Tensor,
-    last_value: Tensor,
-    ends: Tensor,
-    discount: float,
-    gae_lambda: float,
-) -> Tensor:
+    rewards: Tensor, values: Tensor, last_value: Tensor, ends: Tensor, discount: float,
+    gae_lambda: float
+) -> Tensor:  # fmt: skip
     """GAE(lambda) over a rollout.
 
     Args:
-        rewards: ``(T, N)``.
-        values: ``(T, N)``.
+        rewards, values, ends: ``(T, N)``; ends are 1 where nothing follows.
         last_value: ``(N,)``, value of the state after the rollout.
-        ends: ``(T, N)``, 1 where nothing follows.
         discount: Discount factor per control step.
         gae_lambda: Trade-off between bias (0) and variance (1).
 
@@ -147,9 +138,6 @@ class RecurrentPPO:
             folder: Where the checkpoint and ``log.csv`` live.
             progress: Whether to print a line with the time left now and then.
 
-        Returns:
-            The trained policy.
-
         Raises:
             TrainingError: On a loss that is not finite; the last good checkpoint stays.
             CheckpointError: If the folder holds a checkpoint of another run.
@@ -188,18 +176,9 @@ class RecurrentPPO:
     @torch.no_grad()
     def _collect(self) -> tuple[Rollout, dict[str, float]]:
         p, task, policy = self.parameters, self.task, self.policy
-        rows: dict[str, list[Tensor]] = {
-            name: []
-            for name in (
-                "inputs",
-                "actions",
-                "log_probability",
-                "values",
-                "rewards",
-                "starts",
-                "ends",
-            )
-        }
+        rows: dict[str, list[Tensor]] = {name: [] for name in (
+            "inputs", "actions", "log_probability", "values", "rewards", "starts", "ends"
+        )}  # fmt: skip
         memories, totals = [], {"reward": 0.0, "plain_reward": 0.0, "falls": 0.0}
         states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
         if self.steps < p.total_steps // 2:
@@ -226,19 +205,10 @@ class RecurrentPPO:
                     expired, dtype=torch.float32
                 )
             ends = torch.as_tensor(failed | expired, dtype=torch.float32)
-            for name, item in zip(
-                rows,
-                (
-                    inputs[0],
-                    action,
-                    self._log_probability(action, mean[0]),
-                    value[0, :, 0],
-                    reward,
-                    self.starts,
-                    ends,
-                ),
-                strict=True,
-            ):
+            for name, item in zip(rows, (
+                inputs[0], action, self._log_probability(action, mean[0]), value[0, :, 0], reward,
+                self.starts, ends
+            ), strict=True):  # fmt: skip
                 rows[name].append(item)
             totals["reward"] += float(reward.mean()) * _VALUE_SCALE
             totals["plain_reward"] += float(plain.mean())
@@ -273,20 +243,13 @@ class RecurrentPPO:
     def _improve(self, rollout: Rollout) -> dict[str, float]:
         p = self.parameters
         advantages = generalised_advantages(
-            rollout.rewards,
-            rollout.values,
-            rollout.last_value,
-            rollout.ends,
-            p.discount,
-            p.gae_lambda,
-        )
+            rollout.rewards, rollout.values, rollout.last_value, rollout.ends, p.discount,
+            p.gae_lambda
+        )  # fmt: skip
         targets = advantages + rollout.values
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        sequences = [
-            (begin, robot)
-            for begin in range(0, p.rollout_steps, p.sequence_steps)
-            for robot in range(p.robots)
-        ]
+        sequences = [(begin, robot) for begin in range(0, p.rollout_steps, p.sequence_steps)
+                     for robot in range(p.robots)]  # fmt: skip
         order = torch.tensor(sequences)
         sums = {"policy_loss": 0.0, "value_loss": 0.0, "kl": 0.0}
         batches = 0
@@ -309,13 +272,9 @@ class RecurrentPPO:
         columns = chosen[:, 1].expand_as(rows)
         which = (chosen[:, 0] // p.sequence_steps).tolist()
         robots = chosen[:, 1].tolist()
-        memory = [
-            torch.stack(
-                [rollout.memories[s][net][:, :, r] for s, r in zip(which, robots, strict=True)],
-                dim=2,
-            )
-            for net in (0, 1)
-        ]
+        memory = [torch.stack([rollout.memories[s][net][:, :, r] for s, r in
+                               zip(which, robots, strict=True)], dim=2)
+                  for net in (0, 1)]  # fmt: skip
         inputs, starts = rollout.inputs[rows, columns], rollout.starts[rows, columns]
         mean, _ = policy.actor(inputs, memory[0], starts)
         value, _ = policy.critic(inputs, memory[1], starts)

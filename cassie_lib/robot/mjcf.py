@@ -21,21 +21,16 @@ _CONTACT = {
 _FOOT_RADIUS_M = 0.02
 #: Looks only: thin rods between a joint and what it carries (body, from, to, radius, material).
 _RODS = (
-    ("hip-roll", (0, 0, 0), (0, 0, -0.07), 0.05, "shell"),
-    ("hip-yaw", (0, 0, 0), (0, 0, -0.09), 0.05, "metal"),
-    ("achilles-rod", (0, 0, 0), (0.5012, 0, 0), 0.008, "metal"),
-    ("knee", (0, 0, 0), (0.06068, 0.04741, 0), 0.035, "shell"),
-    ("heel-spring", (0, 0, 0), (0.11877, -0.01, 0), 0.010, "spring"),
-    ("foot-crank", (0, 0, 0), (0.055, 0, -0.00791), 0.008, "metal"),
-    ("plantar-rod", (0, 0, 0), (0.35012, 0, 0), 0.007, "metal"),
-)
+    ("hip-roll", (0, 0, 0), (0, 0, -0.07), 0.05, "shell"), ("hip-yaw", (0, 0, 0), (0, 0, -0.09),
+    0.05, "metal"), ("achilles-rod", (0, 0, 0), (0.5012, 0, 0), 0.008, "metal"), ("knee", (0, 0, 0),
+    (0.06068, 0.04741, 0), 0.035, "shell"), ("heel-spring", (0, 0, 0), (0.11877, -0.01, 0), 0.010,
+    "spring"), ("foot-crank", (0, 0, 0), (0.055, 0, -0.00791), 0.008, "metal"), ("plantar-rod", (0,
+    0, 0), (0.35012, 0, 0), 0.007, "metal")
+)  # fmt: skip
 _MATERIALS = {
-    "shell": "0.20 0.24 0.30 1",
-    "metal": "0.62 0.65 0.68 1",
-    "spring": "0.85 0.55 0.15 1",
-    "left": "0.10 0.45 0.70 1",
-    "right": "0.84 0.37 0.10 1",
-}
+    "shell": "0.20 0.24 0.30 1", "metal": "0.62 0.65 0.68 1", "spring": "0.85 0.55 0.15 1", "left":
+    "0.10 0.45 0.70 1", "right": "0.84 0.37 0.10 1"
+}  # fmt: skip
 
 
 def _text(values) -> str:
@@ -63,15 +58,10 @@ def _collision(body: ET.Element, shape: dict) -> None:
     name = shape["body"]
     side = name.split("-")[0]
     geom = ET.SubElement(
-        body,
-        "geom",
-        name=f"{name}-collision",
-        type=shape["shape"],
-        mass="0",
-        size=_text(shape["radius_m"]),
-        material=side if side in _MATERIALS else "shell",
-        **_CONTACT[shape["group"]],
-    )
+        body, "geom", name=f"{name}-collision", type=shape["shape"], mass="0",
+        size=_text(shape["radius_m"]), material=side if side in _MATERIALS else "shell",
+        **_CONTACT[shape["group"]]
+    )  # fmt: skip
     if shape["shape"] == "sphere":
         geom.set("pos", _text(shape["position_m"]))
     else:
@@ -91,12 +81,9 @@ def _body(parent: ET.Element, spec: dict, parameters: dict, children: dict) -> N
     if "orientation_xyaxes" in spec:
         body.set("xyaxes", _text(spec["orientation_xyaxes"]))
     ET.SubElement(
-        body,
-        "inertial",
-        pos=_text(spec["com_m"]),
-        mass=_text(spec["mass_kg"]),
-        fullinertia=_text(spec["inertia_kg_m2_xx_yy_zz_xy_xz_yz"]),
-    )
+        body, "inertial", pos=_text(spec["com_m"]), mass=_text(spec["mass_kg"]),
+        fullinertia=_text(spec["inertia_kg_m2_xx_yy_zz_xy_xz_yz"])
+    )  # fmt: skip
     if spec["parent"] == "world":
         ET.SubElement(body, "freejoint", name="pelvis")
         ET.SubElement(

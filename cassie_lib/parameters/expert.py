@@ -1,0 +1,60 @@
+"""Physics, the expert and its training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SimulationParameters:
+    """Physics.  Coarse steps serve expert training only; every reported number uses fine ones."""
+
+    timestep_s: float = 0.0005
+    training_timestep_s: float = 0.002
+    speed_mps: float = 0.0509  # commanded forward speed of the thesis's data (section 4.3.2)
+
+
+@dataclass(frozen=True)
+class ExpertParameters:
+    """Recurrent PPO (thesis section 4.3.1)."""
+
+    hidden_size: int = 128
+    layers: int = 2
+    action_std_rad: float = 0.13  # exploration noise, fixed for most of the training
+    final_action_std_rad: float = 0.05  # at its end: noise slows a walk, so the mean action drifts
+    robots: int = 128
+    rollout_steps: int = 56  # control steps per robot and update
+    total_steps: int = 4_500_000  # control steps over all robots, before the refinement
+    refinement_steps: int = 1_100_000  # more, for speed and pushes, at a low learning rate
+    refinement_learning_rate: float = 3e-4
+    epochs: int = 3
+    minibatches: int = 4
+    sequence_steps: int = 28  # truncation of back-propagation through time
+    learning_rate: float = 1e-3
+    discount: float = 0.97
+    gae_lambda: float = 0.95
+    clip: float = 0.2
+    target_kl: float = 0.03
+    max_gradient_norm: float = 0.5
+    episode_steps: int = 300
+    guidance_weight: float = 0.5  # share of the gait and velocity terms in the training reward
+    foot_tolerance_m: float = 0.09  # a training episode ends when a sole strays this far in height
+    push_limit_Ns: float = 55.0  # largest sideways push on the pelvis during training, N s
+    push_interval_steps: int = 150  # mean control steps between pushes
+    randomise: float = 0.0  # relative spread of masses, damping, friction; 0: none
+    termination_reward: float = 0.3  # an episode ends when Eq 3.10 falls under this
+    min_speed_mps: float = 0.0
+    max_speed_mps: float = 1.0
+    checkpoint_seconds: float = 60.0
+    seed: int = 0
+
+
+#: Eq 3.10 alone at the thesis's speed: the policy that learns to stand still.
+REWARD_ONLY = ExpertParameters(
+    guidance_weight=0.0,
+    push_limit_Ns=0.0,
+    min_speed_mps=0.0509,
+    max_speed_mps=0.0509,
+    total_steps=1_000_000,
+    refinement_steps=0,
+)

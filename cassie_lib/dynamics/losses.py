@@ -1,5 +1,7 @@
 """Losses of section 3.1.3: Eqs 3.4, 3.5, 3.6 and the gradient penalty of Eq 3.9.
 
+The penalty keeps the Lipschitz constant K of Eq 3.8 small.
+
 The thesis does not say in which units its loss is taken.  Every function here takes errors that
 are already in the units wanted: *raw* (m, rad, m/s, ...) or *normalised* (each component divided
 by the spread of its one-step differences in the training data).  Training uses normalised units,

@@ -1,6 +1,8 @@
 """What a dynamics model is: history and candidate actions in, predicted states out.
 
-Learned models and the true simulator are interchangeable behind :class:`DynamicsModel`.
+Learned models and the true simulator are interchangeable behind :class:`DynamicsModel`.  One pair
+does not determine the next state (Eq 3.1), so the thesis gives the model H past pairs (Eq 3.2) and
+has it predict the difference to the next state (Eq 3.3).
 """
 
 from __future__ import annotations

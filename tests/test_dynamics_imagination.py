@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from cassie_lib.dynamics.imagination import imagine
+from cassie_lib.dynamics.imagination import imagine, pick_start
 from cassie_lib.dynamics.windows import Transitions
-from cassie_lib.errors import ParameterError
+from cassie_lib.errors import DataError, ParameterError
 from cassie_lib.simulator import Simulator
 
 
@@ -60,3 +60,13 @@ def test_it_stays_within_one_episode(recording):
             imagine(model, recording, start, steps)
     with pytest.raises(ParameterError):
         imagine(model, recording, 6, 5, context=8)
+
+
+def test_a_start_is_one_that_can_be_imagined(recording):
+    model = Recalls(recording.states)
+    for wanted, steps in ((5, 5), (100, 12)):
+        start, found = pick_start(recording, model.context, wanted)
+        assert found == steps
+        assert len(imagine(model, recording, start, found).ghost) == steps + 1
+    with pytest.raises(DataError, match="longest episode"):
+        pick_start(recording, 16, 5)

@@ -43,6 +43,25 @@ class Imagined:
         return np.sqrt(np.square(error).mean(axis=1))
 
 
+def pick_start(transitions: Transitions, past: int, steps: int) -> tuple[int, int]:
+    """A row in the middle of a recording at which to begin, and how many steps may follow.
+
+    Args:
+        transitions: Recorded episodes.
+        past: States of history, the present among them.
+        steps: Steps wanted; fewer if the longest episode has no room for them.
+
+    Returns:
+        Start and steps for :func:`imagine`.
+
+    Raises:
+        DataError: If no episode is longer than ``past``.
+    """
+    steps = max(1, min(steps, int(transitions.episode_lengths.max()) - past))
+    starts = transitions.window_starts(past + steps)
+    return int(starts[len(starts) // 2]) + past - 1, steps
+
+
 @torch.no_grad()
 def imagine(
     model: DynamicsModel, transitions: Transitions, start: int, steps: int, context: int = 0
@@ -75,4 +94,4 @@ def imagine(
     return Imagined(found[0], found[1], motions[0], motions[1])
 
 
-__all__ = ["Imagined", "imagine"]
+__all__ = ["Imagined", "imagine", "pick_start"]

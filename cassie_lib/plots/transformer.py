@@ -159,6 +159,7 @@ __all__ = [
     "CAUSAL_LABEL",
     "THESIS_LABEL",
     "Curve",
+    "Log",
     "mark_increments",
     "plot_penalised",
     "plot_state_prediction",

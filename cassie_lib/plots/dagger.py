@@ -105,7 +105,8 @@ def plot_progress(
     data = {label: _steps_panel(axes[0], label, trials, place)
             for place, (label, trials) in enumerate(runs.items())}  # fmt: skip
     axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
-    axes[0].set(yscale="symlog", ylim=(0, None), xlabel="round", title="planner-only steps")
+    axes[0].set(yscale="symlog", xlabel="round", title="planner-only steps")
+    axes[0].set_ylim(0, 2 * axes[0].get_ylim()[1])
     axes[0].legend(fontsize=6.5)
     for name, tone in zip(errors, (COLOURS["green"], COLOURS["vermillion"]), strict=False):
         values = errors[name]
@@ -119,7 +120,7 @@ def plot_progress(
         axes[2].plot(numbers, values, style, ms=3.5, color=COLOURS["blue"], label=when,
                      mfc="white" if when == "before" else None)  # fmt: skip
         data[f"round's data, {when} retraining"] = {"round": numbers, "relative_error": values}
-    axes[2].set(yscale="log", xlabel="round", title="error on its new data")
+    axes[2].set(ylim=(0.0, None), xlabel="round", title="error on its new data")
     axes[2].legend(title="retraining", title_fontsize=6.5, fontsize=6.5)
     for ax in axes:
         ax.set_xticks(range(len(rounds) + 1))

@@ -48,7 +48,7 @@ def reward_panel(
     middle = np.nanmedian(upright, axis=0) if length.max() else np.full(1, np.nan)
     low, high = np.nanmin(upright, axis=0), np.nanmax(upright, axis=0)
     axes.fill_between(steps, low, high, color=colour, alpha=0.25, lw=0, label="range of seeds")
-    axes.plot(steps, middle, "-", color=colour, lw=0.9, label="median")
+    axes.plot(steps, middle, "-", color=colour, lw=0.9, label="median of those upright")
     for name, value in lines.items():
         tone, style = _LINES[name]
         axes.axhline(value, color=tone, ls=style, lw=1.0, label=_SYMBOL.get(name, name))
@@ -126,10 +126,14 @@ def plot_rewards(
     }
 
 
-def plot_imagined(trials: Mapping[str, PlannedEpisodes]) -> Drawn:
+def plot_imagined(trials: Mapping[str, PlannedEpisodes], horizon: int) -> Drawn:
     """Imagined against realised return of every plan, and their difference before a fall.
 
     The plan is made anew at every step, so the realised return is not that of the plan itself.
+
+    Args:
+        trials: Trials by label.
+        horizon: tau; plans whose horizon reaches past the end of an episode are left out.
     """
     figure, (left, right) = plt.subplots(1, 2, figsize=(COLUMN_WIDTH_IN, 2.7))
     data = {}
@@ -138,7 +142,7 @@ def plot_imagined(trials: Mapping[str, PlannedEpisodes]) -> Drawn:
         imagined, realised = found.imagined_and_realised()
         left.plot(realised, imagined, ".", color=tone, ms=1.5, alpha=0.35, rasterized=True)
         left.plot([], [], "o", color=tone, ms=4, label=label)
-        before, error = _optimism(found)
+        before, error = _optimism(found, horizon)
         right.plot(before, error, "-", color=tone, label=label)
         data[label] = {"imagined": imagined, "realised": realised}
         data[f"{label}, before a fall"] = {"steps_before_end": before, "median_difference": error}
@@ -153,12 +157,14 @@ def plot_imagined(trials: Mapping[str, PlannedEpisodes]) -> Drawn:
     return figure, data
 
 
-def _optimism(found: PlannedEpisodes, reach: int = 4 * PERIOD) -> tuple[np.ndarray, np.ndarray]:
+def _optimism(
+    found: PlannedEpisodes, horizon: int, reach: int = 4 * PERIOD
+) -> tuple[np.ndarray, np.ndarray]:
     """Median difference of imagined and realised return, by control steps before the end."""
     difference = (found.log.imagined_return - found.log.realised_return).T
     before = found.recording.length[:, None] - np.arange(difference.shape[1])
     known = np.isfinite(difference)
-    counts = np.arange(reach, 0, -1)
+    counts = np.arange(reach, horizon, -1)
     rows = [difference[known & (before == count)] for count in counts]
     kept = [index for index, row in enumerate(rows) if len(row)]
     return counts[kept], np.array([np.median(rows[index]) for index in kept])

@@ -112,9 +112,9 @@ def plot_penalised(log: Log) -> Drawn:
     figure, axes = plt.subplots(figsize=(COLUMN_WIDTH_IN, 3.0))
     table: dict[str, dict[str, np.ndarray]] = {}
     for metric, label, colour, line in (
-        ("penalised", "Eq 3.9: state prediction + λ · penalty", "black", "-"),
-        ("state_prediction", "state prediction, Eq 3.6", "blue", "--"),
-        ("gradient_penalty", "gradient penalty, without λ", "orange", "-."),
+        ("penalised", "Eq 3.9 (the sum)", "black", "-"),
+        ("state_prediction", "state prediction (Eq 3.6)", "blue", "--"),
+        ("gradient_penalty", "penalty, before λ", "orange", "-."),
     ):
         curve = log[f"train/{metric}"]
         axes.plot(curve.minutes, curve.value, color=COLOURS[colour], linestyle=line, label=label)

@@ -108,6 +108,8 @@ def planner_trial(
     parameters = planner_parameters(preset, planner)
     if mean:
         parameters = replace(parameters, mean=mean)
+    if planner == "cem":
+        protocol.setdefault("steps", preset.evaluation.cem_steps)
     source = after.artifact if after else pipeline.causal_artifact(preset)
     expert = pipeline.expert_artifact(preset)
     return Trial(

@@ -153,7 +153,7 @@ def _smoke() -> Preset:
             steps=120,
             short_steps=120,
             planner_steps=90,
-            ablation_steps=60,
+            cem_steps=90, ablation_steps=60,
             last_round_steps=100,
             oracle_seeds=1,
             oracle_steps=40,

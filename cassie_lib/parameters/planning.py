@@ -68,11 +68,12 @@ class EvaluationParameters:
     expert_seeds: int = 20
     steps: int = 1000  # control steps per episode
     short_steps: int = 400  # of the trials at other speeds and of those with a push
-    planner_steps: int = 560  # of a planner's episodes, hand-over included
-    ablation_steps: int = 230  # of the trials with another initial mean
+    planner_steps: int = 560  # of Gradient-CEM's episodes, hand-over included
+    cem_steps: int = 330  # of CEM's
+    ablation_steps: int = 170  # of the trials with another initial mean
     last_round_steps: int = 3060  # of the last DAgger round
     oracle_seeds: int = 2  # CEM on the true simulator
-    oracle_steps: int = 100
+    oracle_steps: int = 80
     oracle_gradient_seeds: int = 1  # Gradient-CEM on it: 550 simulated steps for one gradient
-    oracle_gradient_steps: int = 80
+    oracle_gradient_steps: int = 60
     oracle_timestep_s: float = 0.002  # of the oracle's own physics; the loop's stays fine

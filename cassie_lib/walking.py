@@ -43,10 +43,12 @@ class Controller(Protocol):
 
 
 class StandStill:
-    """Holds one constant action: the baseline that every reward figure carries as a line.
+    """Holds one constant action: no feedback at all.
 
-    With the default action the robot keeps the posture that the PD drive sags into least.
+    With the default, zero, the PD drive sags and the robot falls within about 33 control steps: a
+    robot that stands has to be controlled, see ``pipeline.reward_only_artifact``.
     """
+
 
     def __init__(self, action=None) -> None:
         """Hold ``action`` (10,) rad; default zero."""

@@ -49,7 +49,6 @@ class StandStill:
     robot that stands has to be controlled, see ``pipeline.reward_only_artifact``.
     """
 
-
     def __init__(self, action=None) -> None:
         """Hold ``action`` (10,) rad; default zero."""
         self.action = np.zeros(ACTION_SIZE) if action is None else np.asarray(action, dtype=float)

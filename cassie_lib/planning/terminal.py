@@ -6,6 +6,10 @@ import torch
 
 from cassie_lib.dynamics.model import History
 
+#: The critic was trained on rewards divided by this (``expert.ppo``), so that values are of order
+#: one; here they are added to rewards that were not.
+CRITIC_UNIT = 10.0
+
 
 class CriticValue:
     """Terminal value for :class:`cassie_lib.planning.objective.Objective`.
@@ -30,7 +34,7 @@ class CriticValue:
         sequence = self._policy.normalise(states.flatten(0, 1)).transpose(0, 1)
         starts = torch.zeros(horizon, episodes * count)
         value, _ = self._policy.critic(sequence, memory, starts)
-        return value[-1, :, 0].view(episodes, count)
+        return CRITIC_UNIT * value[-1, :, 0].view(episodes, count)
 
     def _memory(self, history: History) -> torch.Tensor:
         """Memory ``(layers, 2, E, hidden)`` after the history; kept for the same history."""

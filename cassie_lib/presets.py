@@ -204,6 +204,8 @@ def _laptop() -> Preset:
             keep_best=True,
             include_mean=True,
             normalise_gradient=True,
+            terminal_value=True,
+            gait_weight=0.4,
         ),
         dagger=DAggerParameters(
             transitions=20_000, schedule=(1, 2, 9, 18, 27), pad_starts=True, training_steps=4000

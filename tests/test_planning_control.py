@@ -24,7 +24,7 @@ from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.control import PlannerController, realised_return
 from cassie_lib.planning.gradient_cem import GradientCEM
 from cassie_lib.planning.objective import Objective
-from cassie_lib.planning.terminal import CriticValue
+from cassie_lib.planning.terminal import CRITIC_UNIT, CriticValue
 from cassie_lib.robot.schema import MOTOR_POSITION, clock
 
 
@@ -190,7 +190,7 @@ def test_critic_continues_its_memory_along_the_candidate():
             value, _ = policy.critic(
                 policy.normalise(whole), policy.critic.initial_memory(1), torch.zeros(6, 1)
             )
-            torch.testing.assert_close(found[episode, candidate], value[-1, 0, 0])
+            torch.testing.assert_close(found[episode, candidate], CRITIC_UNIT * value[-1, 0, 0])
 
 
 def test_terminal_value_has_gradients_after_use_in_inference_mode():

@@ -125,7 +125,7 @@ def plot_foot_heights(recordings: dict[str, Recording], steps: slice, episode: i
     axes[0, 0].set_ylabel("sole height (cm)")
     axes[1, 0].set_ylabel("Eq 3.10 per step")
     axes[1, 0].set_ylim(0.0, 1.05)
-    axes[0, 0].legend()
+    axes[0, -1].legend(loc="upper right")
     return figure, data
 
 

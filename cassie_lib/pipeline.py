@@ -116,9 +116,7 @@ def transitions(preset: Preset, name: str) -> Transitions:
 
 def as_transitions(episodes: Episodes) -> Transitions:
     """The same arrays under the models' interface, not copied."""
-    return Transitions(
-        episodes.states, episodes.actions, episodes.phase, episodes.episode_starts
-    )
+    return Transitions(episodes.states, episodes.actions, episodes.phase, episodes.episode_starts)
 
 
 def noise_study_artifact(preset: Preset) -> Artifact:

@@ -92,6 +92,9 @@ class Simulator:
         self._data = [mujoco.MjData(self.model) for _ in range(threads)]
         self.physics = np.zeros((count, robot.PHYSICS_SIZE))
         self._sensors = np.zeros((count, self.model.nsensordata))
+        # Results of the physics steps of one control step: allocating them anew costs 1 % of it.
+        self._trajectory = np.zeros((count, self._substeps, robot.PHYSICS_SIZE))
+        self._readings = np.zeros((count, self._substeps, self.model.nsensordata))
         self._force = np.zeros((count, 2, 3))
         self.phase = np.zeros(count, dtype=int)
         self.speed = np.zeros(count)
@@ -260,6 +263,7 @@ class Simulator:
             forces = np.zeros((len(indices), self.model.nbody, 6))
             forces[:, 1, :3] = self._push[indices] * pushed[:, None]
             controls = np.concatenate([controls, forces.reshape(len(indices), 1, -1)], axis=2)
+        whole = steps == self._substeps
         return self._pool.rollout(
             [self._models[i] for i in indices],
             self._data,
@@ -267,6 +271,9 @@ class Simulator:
             controls,
             control_spec=int(spec),
             nstep=steps,
+            state=self._trajectory[: len(indices), :steps] if whole else None,
+            sensordata=self._readings[: len(indices), :steps] if whole else None,
+            chunk_size=1,  # larger chunks leave a thread without work at the end
         )
 
     def _advance(self, moving: np.ndarray, actions: np.ndarray) -> None:
@@ -282,7 +289,8 @@ class Simulator:
         kept = moving[good]
         self.physics[kept] = physics[good]
         self._sensors[kept] = sensors[good, -1]
-        self._force[kept] = sensors[good][:, :, _FORCES].mean(axis=1).reshape(-1, 2, 3)
+        force = sensors[:, :, _FORCES].mean(axis=1)
+        self._force[kept] = force[good].reshape(-1, 2, 3)
         height = physics[good, 3]
         self.fallen[moving[~good]] = True
         self.fallen[kept] = (height <= UPRIGHT_M[0]) | (height >= UPRIGHT_M[1])

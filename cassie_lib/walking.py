@@ -2,84 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from cassie_lib import gait
+from cassie_lib.controllers import Controller, Observation
 from cassie_lib.errors import ParameterError
-from cassie_lib.reward import WEIGHTS, reward_terms
-from cassie_lib.robot.schema import ACTION_SIZE, CONTROL_PERIOD_S, STATE_SIZE
+from cassie_lib.recording import Recording, Tape
+from cassie_lib.robot.schema import CONTROL_PERIOD_S
 from cassie_lib.simulator import S0_SPEED_MPS, Simulator
-
-
-class Observation(NamedTuple):
-    """What a controller may look at before each control step.
-
-    Attributes:
-        states: ``(N, 49)``, Table 4.1.
-        physics: Full physics state ``(N, 68)``, for planners on the true simulator only.
-        phase: Phase of the clock ``(N,)``.
-        pelvis_position: World frame, ``(N, 3)`` m; the state does not hold x and y.
-        step: Control steps since the start.
-    """
-
-    states: np.ndarray
-    physics: np.ndarray
-    phase: np.ndarray
-    pelvis_position: np.ndarray
-    step: int
-
-
-class Controller(Protocol):
-    """Policies and planners are interchangeable behind this."""
-
-    def reset(self, count: int, seed: int = 0) -> None:
-        """Forget everything and prepare for ``count`` robots."""
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Actions ``(N, 10)`` rad: offsets of the PD targets from the neutral pose."""
-
-
-class StandStill:
-    """Holds one constant action: no feedback at all.
-
-    With the default, zero, the PD drive sags and the robot falls within about 33 control steps: a
-    robot that stands has to be controlled, see ``pipeline.reward_only_artifact``.
-    """
-
-    def __init__(self, action=None) -> None:
-        """Hold ``action`` (10,) rad; default zero."""
-        self.action = np.zeros(ACTION_SIZE) if action is None else np.asarray(action, dtype=float)
-        self.reset(1)
-
-    def reset(self, count: int, seed: int = 0) -> None:
-        """Prepare for ``count`` robots."""
-        del seed
-        self._count = count
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """The constant action for every robot, ``(N, 10)``."""
-        del observation
-        return np.tile(self.action, (self._count, 1))
-
-
-class ReferencePlayback:
-    """Feeds the reference gait's joint angles to the PD drive, with no feedback at all."""
-
-    def __init__(self, reference: gait.GaitReference) -> None:
-        """Play back a reference gait."""
-        from cassie_lib.robot.model import neutral_pose
-
-        self._cycle = reference.motor_position - neutral_pose()
-
-    def reset(self, count: int, seed: int = 0) -> None:
-        """Nothing to forget."""
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Targets of the next phase, ``(N, 10)``."""
-        return self._cycle[(observation.phase + 1) % len(self._cycle)]
 
 
 class Push(NamedTuple):
@@ -119,49 +51,6 @@ class Push(NamedTuple):
             + (f" to {self.step + self.spread_steps}" if self.spread_steps else "")
             + (", left and right in turn" if self.both_sides else "")
         )
-
-
-@dataclass(frozen=True)
-class Recording:
-    """N episodes of up to T control steps; rows beyond an episode's length repeat its end.
-
-    Attributes:
-        states: ``(N, T+1, 49)``.
-        actions: ``(N, T, 10)`` rad, as executed.
-        qpos: ``(N, T+1, 35)``.
-        foot_position: ``(N, T+1, 2, 3)`` m, world frame, left and right.
-        foot_height: ``(N, T+1, 2)`` m over the floor.
-        foot_force: ``(N, T+1, 2, 3)`` N, world frame, mean over each control step.
-        phase: ``(N, T+1)``.
-        terms: The six weighted terms of Eq 3.10, each ``(N, T)``.
-        length: Control steps before the fall, T where there was none, ``(N,)``.
-        speed_mps: Commanded forward speed.
-        protocol: One line that says how the episodes were run.
-    """
-
-    states: np.ndarray
-    actions: np.ndarray
-    qpos: np.ndarray
-    foot_position: np.ndarray
-    foot_height: np.ndarray
-    foot_force: np.ndarray
-    phase: np.ndarray
-    terms: dict[str, np.ndarray]
-    length: np.ndarray
-    speed_mps: float
-    protocol: str
-
-    @property
-    def reward(self) -> np.ndarray:
-        """Plain Eq 3.10 per control step, ``(N, T)``; NaN after a fall."""
-        total = sum(self.terms.values())
-        steps = np.arange(total.shape[1])
-        return np.where(steps[None, :] < self.length[:, None], total, np.nan)
-
-    @property
-    def fell(self) -> np.ndarray:
-        """Whether each episode ended in a fall, ``(N,)``."""
-        return self.length < self.actions.shape[1]
 
 
 def run_episodes(
@@ -210,7 +99,7 @@ def run_episodes(
         qvel[:, 6:] *= _driven_mask()
     simulator.reset(qvel=qvel, speed=speed_mps)
     controller.reset(episodes, seed)
-    tape = _Tape(episodes, steps, reference or gait.walk(speed_mps))
+    tape = Tape(episodes, steps, reference or gait.walk(speed_mps))
     tape.write_state(0, simulator)
     for step in range(steps):
         if push is not None:
@@ -243,57 +132,3 @@ def _driven_mask() -> np.ndarray:
     mask = np.zeros(26)
     mask[motor_qvel() - 6] = 1.0
     return mask
-
-
-class _Tape:
-    """Arrays of a recording while it is being written."""
-
-    def __init__(self, episodes: int, steps: int, reference: gait.GaitReference) -> None:
-        self.reference, self.steps = reference, steps
-        long = (episodes, steps + 1)
-        self.states = np.zeros((*long, STATE_SIZE))
-        self.qpos = np.zeros((*long, 35))
-        self.foot_position = np.zeros((*long, 2, 3))
-        self.foot_height = np.zeros((*long, 2))
-        self.foot_force = np.zeros((*long, 2, 3))
-        self.phase = np.zeros(long, dtype=int)
-        self.actions = np.zeros((episodes, steps, ACTION_SIZE))
-        self.terms = {name: np.zeros((episodes, steps)) for name in WEIGHTS}
-        self.length = np.full(episodes, steps)
-
-    def write_state(self, row: int, simulator: Simulator) -> None:
-        self.states[:, row] = simulator.states
-        self.qpos[:, row] = simulator.qpos
-        self.foot_position[:, row] = simulator.foot_position
-        self.foot_height[:, row] = simulator.foot_height
-        self.foot_force[:, row] = simulator.foot_force
-        self.phase[:, row] = simulator.phase
-
-    def write(self, step: int, simulator: Simulator, actions: np.ndarray) -> None:
-        self.write_state(step + 1, simulator)
-        self.actions[:, step] = actions
-        terms = reward_terms(
-            simulator.states, self.reference.pose(simulator.phase), simulator.qpos[:, 1]
-        )
-        for name, values in terms.items():
-            self.terms[name][:, step] = values
-        new = simulator.fallen & (self.length == self.steps)
-        self.length[new] = step
-
-    def fill(self, row: int) -> None:
-        """Repeat the end of the episodes when all have fallen."""
-        for array in (
-            self.states,
-            self.qpos,
-            self.foot_position,
-            self.foot_height,
-            self.foot_force,
-            self.phase,
-        ):
-            array[:, row + 1 :] = array[:, row : row + 1]
-
-    def recording(self, speed_mps: float, protocol: str) -> Recording:
-        return Recording(
-            self.states, self.actions, self.qpos, self.foot_position, self.foot_height,
-            self.foot_force, self.phase, self.terms, self.length, speed_mps, protocol
-        )  # fmt: skip

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cassie_lib.errors import ParameterError
+from cassie_lib.recording import Recording
 from cassie_lib.robot.model import parameters
 from cassie_lib.robot.schema import CONTROL_PERIOD_S, GRAVITY, PERIOD
-from cassie_lib.walking import Recording
 
 #: A foot carries load when it bears this share of the robot's weight.
 _LOADED_SHARE = 0.05

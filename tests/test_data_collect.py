@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from cassie_lib.artifacts import WORK
+from cassie_lib.controllers import StandStill
 from cassie_lib.data import CUT, FALL, TIME, collect, collect_noise_study
 from cassie_lib.data import collect as collect_function
 from cassie_lib.data.fields import FIELDS
@@ -21,7 +22,6 @@ from cassie_lib.presets import (
 )
 from cassie_lib.robot.schema import CLOCK, GRAVITY, SPEED, clock
 from cassie_lib.simulator import S0_PHASE, Simulator
-from cassie_lib.walking import StandStill
 
 COARSE = SimulationParameters(timestep_s=0.002)
 SMALL = CollectionParameters("small", 150, 0.2, seed=3, episode_steps=60, robots=3)

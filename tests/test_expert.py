@@ -9,15 +9,17 @@ import torch
 
 from cassie_lib import gait
 from cassie_lib.checkpoints import load_checkpoint, save_checkpoint
+from cassie_lib.controllers import Observation
 from cassie_lib.errors import CheckpointError, ParameterError, ShapeError, TrainingError
+from cassie_lib.expert.guidance import gait_term, velocity_term
 from cassie_lib.expert.policy import Expert, ExpertPolicy, load_expert, save_expert
-from cassie_lib.expert.ppo import RecurrentPPO, generalised_advantages
-from cassie_lib.expert.task import WalkingTask, gait_term, velocity_term
+from cassie_lib.expert.ppo import RecurrentPPO
+from cassie_lib.expert.rollout import generalised_advantages
+from cassie_lib.expert.task import WalkingTask
 from cassie_lib.logs import CsvLog
 from cassie_lib.presets import get_preset, replace
 from cassie_lib.robot.model import load_model
 from cassie_lib.robot.randomisation import randomised_models
-from cassie_lib.walking import Observation
 
 SMALL = replace(get_preset("smoke").expert, hidden_size=8, robots=3, total_steps=3 * 84,
     refinement_steps=84,

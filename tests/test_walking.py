@@ -7,10 +7,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from cassie_lib import gait
+from cassie_lib.controllers import ReferencePlayback, StandStill
 from cassie_lib.environment import CassieEnv
 from cassie_lib.errors import ParameterError, UnknownNameError
+from cassie_lib.recording import Recording
 from cassie_lib.robot.schema import PERIOD
-from cassie_lib.walking import Push, Recording, ReferencePlayback, StandStill, run_episodes
+from cassie_lib.walking import Push, run_episodes
 from cassie_lib.walking_report import walking_report
 
 COARSE = 0.002

@@ -29,13 +29,14 @@ class Stage:
 
 
 _ROBOT = ("robot", "gait", "reward", "simulator")
-_PLANNING = (*_ROBOT, "walking", "dynamics", "planning")
+_WALKING = (*_ROBOT, "controllers", "recording", "walking")
+_PLANNING = (*_WALKING, "dynamics", "planning")
 
 #: Raise a version here when a stage's results change; see :class:`Stage`.
 STAGES = {
-    "expert": Stage(1, (*_ROBOT, "walking", "expert"), by_content=True),
-    "walking": Stage(1, (*_ROBOT, "walking", "expert")),
-    "data": Stage(1, (*_ROBOT, "walking", "expert", "data")),
+    "expert": Stage(1, (*_WALKING, "expert"), by_content=True),
+    "walking": Stage(1, (*_WALKING, "expert")),
+    "data": Stage(1, (*_WALKING, "expert", "data")),
     "mlp": Stage(1, ("data", "dynamics"), by_content=True),
     "transformer": Stage(1, ("data", "dynamics"), by_content=True),
     "causal": Stage(1, ("data", "dynamics"), by_content=True),

@@ -8,8 +8,8 @@ import numpy as np
 
 from cassie_lib.dynamics.windows import Transitions
 from cassie_lib.errors import DataError, ParameterError
+from cassie_lib.recording import Recording
 from cassie_lib.robot.schema import ACTION_SIZE
-from cassie_lib.walking import Recording
 
 
 def to_transitions(recorded, begin: int = 0) -> Transitions:

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 import numpy as np
 import torch
 
+from cassie_lib.controllers import Controller, Observation
 from cassie_lib.data.episodes import FALL, TIME
 from cassie_lib.data.fields import SAMPLE_FIELDS, SAMPLE_NAMES
 from cassie_lib.robot.schema import PERIOD
 from cassie_lib.simulator import Simulator
-from cassie_lib.walking import Controller, Observation
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from cassie_lib.artifacts import WORK
+from cassie_lib.controllers import Controller
 from cassie_lib.data.batch import run_batch
 from cassie_lib.data.episodes import FALL, Episodes
 from cassie_lib.data.fields import EPISODE_NAMES, SAMPLE_NAMES
@@ -25,7 +26,6 @@ from cassie_lib.files import canonical_json, replacing
 from cassie_lib.logs import Progress
 from cassie_lib.presets import CollectionParameters, NoiseStudyParameters, SimulationParameters
 from cassie_lib.simulator import S0_PHASE, Simulator
-from cassie_lib.walking import Controller
 
 _BATCHES = "batches"
 

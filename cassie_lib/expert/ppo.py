@@ -8,7 +8,6 @@ clipped policy gradients through each sequence, the memory cleared where an epis
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from torch import Tensor
 from cassie_lib.checkpoints import load_checkpoint, save_checkpoint
 from cassie_lib.errors import ParameterError, TrainingError
 from cassie_lib.expert.policy import ExpertPolicy
+from cassie_lib.expert.rollout import Rollout, Sequences
 from cassie_lib.expert.task import WalkingTask
 from cassie_lib.expert.training_state import capture, reinstate
 from cassie_lib.logs import CsvLog, Progress
@@ -27,54 +27,6 @@ from cassie_lib.robot.schema import ACTION_SIZE
 _CHECKPOINT = "checkpoint.pt"
 #: Critic outputs are in units of this reward, so that values stay of order one.
 _VALUE_SCALE = 10.0
-
-
-@dataclass
-class Rollout:
-    """What the robots saw and did in one update; every tensor is ``(T, N, ...)``, time first.
-
-    Attributes:
-        inputs, actions: Normalised states ``(T, N, 49)`` and actions ``(T, N, 10)`` in rad.
-        log_probability, values: Of the actions when taken, and by the critic.
-        rewards: Training reward; at a time limit with the value of what would have come.
-        starts, ends: 1 where an episode starts with the step or ends after it.
-        memories: Actor and critic memories at the start of each sequence.
-        last_value: Critic after the last step, ``(N,)``.
-    """
-
-    inputs: Tensor
-    actions: Tensor
-    log_probability: Tensor
-    values: Tensor
-    rewards: Tensor
-    starts: Tensor
-    ends: Tensor
-    memories: list[tuple[Tensor, Tensor]] = field(default_factory=list)
-    last_value: Tensor | None = None
-
-
-def generalised_advantages(
-    rewards: Tensor, values: Tensor, last_value: Tensor, ends: Tensor, discount: float,
-    gae_lambda: float
-) -> Tensor:  # fmt: skip
-    """GAE(lambda) over a rollout.
-
-    Args:
-        rewards, values, ends: ``(T, N)``; ends are 1 where nothing follows.
-        last_value: ``(N,)``, value of the state after the rollout.
-        discount: Discount factor per control step.
-        gae_lambda: Trade-off between bias (0) and variance (1).
-
-    Returns:
-        Advantages ``(T, N)``.
-    """
-    advantages, following, value = torch.zeros_like(rewards), 0.0, last_value
-    for step in reversed(range(len(rewards))):
-        alive = 1.0 - ends[step]
-        delta = rewards[step] + discount * alive * value - values[step]
-        following = delta + discount * gae_lambda * alive * following
-        advantages[step], value = following, values[step]
-    return advantages
 
 
 class RecurrentPPO:
@@ -108,13 +60,14 @@ class RecurrentPPO:
 
     @property
     def action_std_rad(self) -> float:
-        """Exploration noise: constant until 55 % of the training, at its final value from 80 % on.
+        """Exploration noise: constant for 45 % of the run, at its final value from 90 % on.
 
         A policy trained to the end with 0.13 rad tracks its speed with that noise and walks
         0.1 m/s too fast without it.
         """
         p = self.parameters
-        late = float(np.clip((self.task.progress - 0.55) / 0.25, 0.0, 1.0))
+        share = self.steps / (p.total_steps + p.refinement_steps)
+        late = float(np.clip((share - 0.45) / 0.45, 0.0, 1.0))
         return p.action_std_rad + late * (p.final_action_std_rad - p.action_std_rad)
 
     @property
@@ -242,21 +195,14 @@ class RecurrentPPO:
 
     def _improve(self, rollout: Rollout) -> dict[str, float]:
         p = self.parameters
-        advantages = generalised_advantages(
-            rollout.rewards, rollout.values, rollout.last_value, rollout.ends, p.discount,
-            p.gae_lambda
-        )  # fmt: skip
-        targets = advantages + rollout.values
-        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        sequences = [(begin, robot) for begin in range(0, p.rollout_steps, p.sequence_steps)
-                     for robot in range(p.robots)]  # fmt: skip
-        order = torch.tensor(sequences)
+        rollout.judge(p.discount, p.gae_lambda)
+        order = rollout.all_sequences(p.sequence_steps)
         sums = {"policy_loss": 0.0, "value_loss": 0.0, "kl": 0.0}
         batches = 0
         for _ in range(p.epochs):
             shuffled = order[torch.randperm(len(order), generator=self.generator)]
             for chosen in shuffled.chunk(p.minibatches):
-                losses = self._minibatch(rollout, advantages, targets, chosen)
+                losses = self._minibatch(rollout.sequences(chosen, p.sequence_steps))
                 batches += 1
                 for name in sums:
                     sums[name] += losses[name]
@@ -264,32 +210,19 @@ class RecurrentPPO:
                 break  # the data are used up: the policy has moved far enough from them
         return {name: total / batches for name, total in sums.items()}
 
-    def _minibatch(
-        self, rollout: Rollout, advantages: Tensor, targets: Tensor, chosen: Tensor
-    ) -> dict[str, float]:
+    def _minibatch(self, batch: Sequences) -> dict[str, float]:
         p, policy = self.parameters, self.policy
-        rows = chosen[:, 0] + torch.arange(p.sequence_steps).unsqueeze(1)
-        columns = chosen[:, 1].expand_as(rows)
-        which = (chosen[:, 0] // p.sequence_steps).tolist()
-        robots = chosen[:, 1].tolist()
-        memory = [torch.stack([rollout.memories[s][net][:, :, r] for s, r in
-                               zip(which, robots, strict=True)], dim=2)
-                  for net in (0, 1)]  # fmt: skip
-        inputs, starts = rollout.inputs[rows, columns], rollout.starts[rows, columns]
-        mean, _ = policy.actor(inputs, memory[0], starts)
-        value, _ = policy.critic(inputs, memory[1], starts)
-        log_ratio = (
-            self._log_probability(rollout.actions[rows, columns], mean)
-            - rollout.log_probability[rows, columns]
-        )
-        ratio, advantage = log_ratio.exp(), advantages[rows, columns]
+        mean, _ = policy.actor(batch.inputs, batch.memory[0], batch.starts)
+        value, _ = policy.critic(batch.inputs, batch.memory[1], batch.starts)
+        log_ratio = self._log_probability(batch.actions, mean) - batch.log_probability
+        ratio = log_ratio.exp()
         clipped = ratio.clamp(1.0 - p.clip, 1.0 + p.clip)
-        policy_loss = -torch.min(ratio * advantage, clipped * advantage).mean()
-        value_loss = (value.squeeze(-1) - targets[rows, columns]).pow(2).mean()
+        policy_loss = -torch.min(ratio * batch.advantages, clipped * batch.advantages).mean()
+        value_loss = (value.squeeze(-1) - batch.targets).pow(2).mean()
         loss = policy_loss + 0.5 * value_loss
         if not torch.isfinite(loss):
             raise TrainingError(
-                f"loss is {float(loss)} at step {self.steps}: expected a finite loss; the last "
+                f"loss is {loss.item()} at step {self.steps}: expected a finite loss; the last "
                 "good checkpoint is kept"
             )
         self.optimiser.zero_grad()

@@ -5,60 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from cassie_lib import gait
+from cassie_lib.expert.guidance import gait_term, velocity_term
+from cassie_lib.expert.pushes import Pushes
 from cassie_lib.presets import ExpertParameters
 from cassie_lib.reward import ReferencePose, reward
 from cassie_lib.robot.randomisation import randomised_models
 from cassie_lib.robot.schema import GRAVITY, PERIOD
 from cassie_lib.simulator import S0_PHASE, S0_SPEED_MPS, Simulator
 
-#: How sharply a wrong foot height costs (1/m): 3 cm off keep 0.5 of the term.
-_FOOT_SHARPNESS = 25.0
-#: A tenth of the weight on a swinging foot leaves 0.22 of the term.
-_LOAD_SHARPNESS = 15.0
-#: 0.1 m/s off keep 0.67 of the term, in the refinement 0.45.
-_VELOCITY_SHARPNESS, _REFINED_SHARPNESS = 4.0, 8.0
+#: 0.1 m/s off keep 0.67 of the term, in the refinement 0.30.
+_VELOCITY_SHARPNESS, _REFINED_SHARPNESS = 4.0, 12.0
 #: Share of the velocity term in the guidance.
 _VELOCITY_SHARE, _REFINED_SHARE = 0.3, 0.6
+#: A pelvis this low cannot be saved; waiting for the fall would waste a second of simulation.
+_LOST_HEIGHT_M = 0.6
 #: Share of the training during which a foot that strays ends the episode.
 _STRICT_SHARE = 0.4
-
-
-def gait_term(foot_height_m, foot_load, reference_height_m, swing) -> np.ndarray:
-    """Periodic swing/stance term: each foot in the air, or on the floor, when it should be.
-
-    Eq 3.10 pays 0.909 to a robot that stands still; this term pays it about half, because in
-    swing the foot has to be as high as in the reference and free of load.
-
-    Args:
-        foot_height_m: Heights of the soles over the floor, ``(N, 2)`` m.
-        foot_load: Vertical ground reaction as a share of the robot's weight, ``(N, 2)``.
-        reference_height_m: Heights of the reference at the same phases, ``(N, 2)`` m.
-        swing: Whether the reference has the foot in the air, ``(N, 2)``.
-
-    Returns:
-        ``(N,)`` in [0, 1].
-    """
-    height = np.exp(-_FOOT_SHARPNESS * np.abs(foot_height_m - reference_height_m))
-    unloaded = np.exp(-_LOAD_SHARPNESS * np.maximum(foot_load, 0.0))
-    return (0.4 * height + 0.6 * np.where(swing, unloaded, 1.0 - unloaded)).mean(axis=1)
-
-
-def velocity_term(mean_velocity_mps, speed_mps, sharpness: float = 4.0) -> np.ndarray:
-    """Track the commanded speed over a whole cycle.
-
-    Eq 3.10's velocity terms are too flat to tell 0.3 m/s from 1 m/s, and they also cost the sway
-    that a walk needs; the mean over a cycle does neither.
-
-    Args:
-        mean_velocity_mps: Forward and sideways velocity, averaged over about a cycle, ``(N, 2)``.
-        speed_mps: Commanded forward speed, ``(N,)``.
-        sharpness: How sharply a wrong speed costs, s/m.
-
-    Returns:
-        ``(N,)`` in (0, 1].
-    """
-    error = np.abs(mean_velocity_mps[:, 0] - speed_mps) + np.abs(mean_velocity_mps[:, 1])
-    return np.exp(-sharpness * error)
 
 
 class WalkingTask:
@@ -98,6 +60,7 @@ class WalkingTask:
         self.progress, self.refining = 0.0, False
         self._weight_N = GRAVITY * float(self.simulator.model.body_mass.sum())
         self._mean_velocity = np.zeros((parameters.robots, 2))
+        self.pushes = Pushes(parameters, rng)
         self._start(np.arange(parameters.robots))
         # Spread the ages so that time limits do not strike all robots at once.
         self.age = rng.integers(0, parameters.episode_steps, parameters.robots)
@@ -122,6 +85,7 @@ class WalkingTask:
         self._gait_index[indices] = chosen
         self._mean_velocity[indices] = self.simulator.qvel[indices, :2]
         self.age[indices] = 0
+        self.pushes.forget(indices)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Advance all robots by one control step; nothing is reset yet.
@@ -134,36 +98,33 @@ class WalkingTask:
             up, each ``(N,)``.
         """
         simulator = self.simulator
-        # Pushes grow once the robots walk.
-        push_limit = self.parameters.push_limit_Ns * np.clip((self.progress - 0.25) / 0.35, 0, 1)
-        if push_limit > 0.0:
-            struck = np.flatnonzero(
-                self.rng.random(simulator.count) < 1.0 / self.parameters.push_interval_steps
-            )
-            if len(struck):
-                # Mostly sideways, where a biped's feet are in each other's way.
-                size = self.rng.uniform(-1.0, 1.0, (len(struck), 2)) * push_limit
-                impulse = size @ np.array([[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]])
-                simulator.push(impulse, indices=struck)
+        self.pushes.strike(simulator, self.progress)
         simulator.step(actions)
         phase, chosen = simulator.phase, self._gait_index
         reference = ReferencePose(self._motor[chosen, phase], self._joint[chosen, phase])
-        plain = reward(simulator.states, reference, simulator.qpos[:, 1])
+        self.pushes.advance(simulator.qpos[:, 1])
+        lateral = simulator.qpos[:, 1] - self.pushes.line_m
+        plain = reward(simulator.states, reference, lateral)
         self._mean_velocity += (simulator.qvel[:, :2] - self._mean_velocity) / PERIOD
         load = simulator.foot_force[:, :, 2] / self._weight_N
         periodic = gait_term(simulator.foot_height, load, self._height[phase], self._swing[phase])
         share = _REFINED_SHARE if self.refining else _VELOCITY_SHARE
         sharpness = _REFINED_SHARPNESS if self.refining else _VELOCITY_SHARPNESS
         tracking = velocity_term(self._mean_velocity, simulator.speed, sharpness)
+        periodic += self.pushes.indulgence(1.0) * (1.0 - periodic)
+        # The mean velocity forgets a push within a cycle.
+        tracking += self.pushes.indulgence(0.5) * (1.0 - tracking)
         guidance = (1.0 - share) * periodic + share * tracking
         weight = self.parameters.guidance_weight
         self.age += 1
-        failed = simulator.fallen | (plain < self.parameters.termination_reward)
+        down = simulator.fallen | (simulator.qpos[:, 2] < _LOST_HEIGHT_M)
+        walking = ~self.pushes.recovering
+        failed = down | (walking & (plain < self.parameters.termination_reward))
         if weight > 0.0 and self.progress < _STRICT_SHARE:
             # Without this the way from standing to stepping leads through a valley of reward.
             stray = np.abs(simulator.foot_height - self._height[phase]).max(axis=1)
-            failed |= stray > self.parameters.foot_tolerance_m
-        total = np.where(simulator.fallen, 0.0, (1.0 - weight) * plain + weight * guidance)
+            failed |= walking & (stray > self.parameters.foot_tolerance_m)
+        total = np.where(down, 0.0, (1.0 - weight) * plain + weight * guidance)
         return total, plain, failed, ~failed & (self.age >= self.parameters.episode_steps)
 
     def restart(self, ended: np.ndarray) -> None:

@@ -22,6 +22,8 @@ def capture(run: RecurrentPPO) -> dict:
         "age": task.age,
         "gait_index": task._gait_index,
         "mean_velocity": task._mean_velocity,
+        "since_push": task.pushes.since,
+        "line": task.pushes.line_m,
         "push": simulator._push,
         "push_steps": simulator._push_steps,
         **{f"snapshot_{name}": value for name, value in simulator.snapshot()._asdict().items()},
@@ -52,6 +54,7 @@ def reinstate(run: RecurrentPPO, stored: dict) -> None:
     simulator._push, simulator._push_steps = arrays["push"], arrays["push_steps"]
     run.task.age, run.task._gait_index = arrays["age"], arrays["gait_index"]
     run.task._mean_velocity = arrays["mean_velocity"]
+    run.task.pushes.since, run.task.pushes.line_m = arrays["since_push"], arrays["line"]
     counters = stored["counters"]
     run.steps, run.seconds = counters["steps"], counters["seconds"]
     run.input_count = counters["inputs"]

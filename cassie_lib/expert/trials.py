@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cassie_lib.controllers import Controller
 from cassie_lib.presets import EvaluationParameters
+from cassie_lib.recording import Recording
 from cassie_lib.robot.schema import PERIOD
 from cassie_lib.simulator import S0_SPEED_MPS
-from cassie_lib.walking import Controller, Push, Recording, run_episodes
+from cassie_lib.walking import Push, run_episodes
 from cassie_lib.walking_report import WalkingReport, walking_report
 
 SPEEDS_MPS = (0.05, 0.25, 0.5, 0.75, 1.0)

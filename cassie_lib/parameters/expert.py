@@ -24,9 +24,9 @@ class ExpertParameters:
     final_action_std_rad: float = 0.05  # at its end: noise slows a walk, so the mean action drifts
     robots: int = 128
     rollout_steps: int = 56  # control steps per robot and update
-    total_steps: int = 4_500_000  # control steps over all robots, before the refinement
-    refinement_steps: int = 1_100_000  # more, for speed and pushes, at a low learning rate
-    refinement_learning_rate: float = 3e-4
+    total_steps: int = 3_900_000  # control steps over all robots, before the refinement
+    refinement_steps: int = 1_700_000  # more, for speed and pushes, at a low learning rate
+    refinement_learning_rate: float = 4e-4
     epochs: int = 3
     minibatches: int = 4
     sequence_steps: int = 28  # truncation of back-propagation through time
@@ -39,8 +39,9 @@ class ExpertParameters:
     episode_steps: int = 300
     guidance_weight: float = 0.5  # share of the gait and velocity terms in the training reward
     foot_tolerance_m: float = 0.09  # a training episode ends when a sole strays this far in height
-    push_limit_Ns: float = 55.0  # largest sideways push on the pelvis during training, N s
-    push_interval_steps: int = 150  # mean control steps between pushes
+    push_limit_Ns: float = 60.0  # largest sideways push on the pelvis during training, N s
+    push_interval_steps: int = 100  # mean control steps from a recovery to the next push
+    recovery_steps: int = 56  # control steps after a push in which the gait may be left
     randomise: float = 0.0  # relative spread of masses, damping, friction; 0: none
     termination_reward: float = 0.3  # an episode ends when Eq 3.10 falls under this
     min_speed_mps: float = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cassie_lib import gait
+from cassie_lib.controllers import Controller
 from cassie_lib.dynamics.model import DynamicsModel
 from cassie_lib.errors import ParameterError
 from cassie_lib.planning.cem import CEM
@@ -14,7 +15,7 @@ from cassie_lib.planning.terminal import CriticValue
 from cassie_lib.presets import CEMParameters, GradientCEMParameters
 from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
 from cassie_lib.simulator import S0_SPEED_MPS
-from cassie_lib.walking import Controller, run_episodes
+from cassie_lib.walking import run_episodes
 
 #: Cycles over which the expert settles, and over which its actions are averaged after that.
 SETTLING_CYCLES = 6

@@ -13,8 +13,9 @@ import numpy as np
 from cassie_lib.errors import ArtifactError
 from cassie_lib.files import replacing
 from cassie_lib.planning.control import PlanLog, PlannerController
+from cassie_lib.recording import Recording
 from cassie_lib.reward import WEIGHTS
-from cassie_lib.walking import Recording, run_episodes
+from cassie_lib.walking import run_episodes
 
 
 class PlannedEpisodes(NamedTuple):

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
+from cassie_lib.recording import Recording
 from cassie_lib.robot.model import parameters
 from cassie_lib.robot.schema import CONTROL_PERIOD_S, GRAVITY
-from cassie_lib.walking import Recording
 
 #: Updates over which the learning curve is averaged.
 _SMOOTHING = 10

@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from cassie_lib import paths
+from cassie_lib.robot.mjcf_looks import MATERIALS, add_light, add_rods, add_scene, text
 
 #: Contact bits: the trunk meets the floor only, a leg meets the floor and the other leg.
 _CONTACT = {
@@ -19,22 +20,6 @@ _CONTACT = {
     "collision-right": {"contype": "4", "conaffinity": "2"},
 }
 _FOOT_RADIUS_M = 0.02
-#: Looks only: thin rods between a joint and what it carries (body, from, to, radius, material).
-_RODS = (
-    ("hip-roll", (0, 0, 0), (0, 0, -0.07), 0.05, "shell"), ("hip-yaw", (0, 0, 0), (0, 0, -0.09),
-    0.05, "metal"), ("achilles-rod", (0, 0, 0), (0.5012, 0, 0), 0.008, "metal"), ("knee", (0, 0, 0),
-    (0.06068, 0.04741, 0), 0.035, "shell"), ("heel-spring", (0, 0, 0), (0.11877, -0.01, 0), 0.010,
-    "spring"), ("foot-crank", (0, 0, 0), (0.055, 0, -0.00791), 0.008, "metal"), ("plantar-rod", (0,
-    0, 0), (0.35012, 0, 0), 0.007, "metal")
-)  # fmt: skip
-_MATERIALS = {
-    "shell": "0.20 0.24 0.30 1", "metal": "0.62 0.65 0.68 1", "spring": "0.85 0.55 0.15 1", "left":
-    "0.10 0.45 0.70 1", "right": "0.84 0.37 0.10 1"
-}  # fmt: skip
-
-
-def _text(values) -> str:
-    return " ".join(f"{float(value):.12g}" for value in np.atleast_1d(values))
 
 
 def _joint(parent: ET.Element, spec: dict) -> None:
@@ -42,7 +27,7 @@ def _joint(parent: ET.Element, spec: dict) -> None:
     if spec["type"] == "hinge":
         joint.set("axis", "0 0 1")
     if "range_deg" in spec:
-        joint.set("range", _text(spec["range_deg"]))
+        joint.set("range", text(spec["range_deg"]))
         joint.set("limited", "true")
     for key, attribute in (
         ("damping_Nms_per_rad", "damping"),
@@ -51,7 +36,7 @@ def _joint(parent: ET.Element, spec: dict) -> None:
         ("reference_deg", "ref"),
     ):
         if key in spec:
-            joint.set(attribute, _text(spec[key]))
+            joint.set(attribute, text(spec[key]))
 
 
 def _collision(body: ET.Element, shape: dict) -> None:
@@ -59,30 +44,30 @@ def _collision(body: ET.Element, shape: dict) -> None:
     side = name.split("-")[0]
     geom = ET.SubElement(
         body, "geom", name=f"{name}-collision", type=shape["shape"], mass="0",
-        size=_text(shape["radius_m"]), material=side if side in _MATERIALS else "shell",
+        size=text(shape["radius_m"]), material=side if side in MATERIALS else "shell",
         **_CONTACT[shape["group"]]
     )  # fmt: skip
     if shape["shape"] == "sphere":
-        geom.set("pos", _text(shape["position_m"]))
+        geom.set("pos", text(shape["position_m"]))
     else:
-        geom.set("fromto", _text(shape["from_to_m"]))
+        geom.set("fromto", text(shape["from_to_m"]))
     if name.endswith("-foot"):
         # The two ends of the sole: foot height is measured at the lower one.
         for label, point in zip(
             ("toe", "heel"), np.reshape(shape["from_to_m"], (2, 3)), strict=True
         ):
             ET.SubElement(
-                body, "site", name=f"{side}-{label}", pos=_text(point), size="0.005", rgba="0 0 0 0"
+                body, "site", name=f"{side}-{label}", pos=text(point), size="0.005", rgba="0 0 0 0"
             )
 
 
 def _body(parent: ET.Element, spec: dict, parameters: dict, children: dict) -> None:
-    body = ET.SubElement(parent, "body", name=spec["body"], pos=_text(spec["position_m"]))
+    body = ET.SubElement(parent, "body", name=spec["body"], pos=text(spec["position_m"]))
     if "orientation_xyaxes" in spec:
-        body.set("xyaxes", _text(spec["orientation_xyaxes"]))
+        body.set("xyaxes", text(spec["orientation_xyaxes"]))
     ET.SubElement(
-        body, "inertial", pos=_text(spec["com_m"]), mass=_text(spec["mass_kg"]),
-        fullinertia=_text(spec["inertia_kg_m2_xx_yy_zz_xy_xz_yz"])
+        body, "inertial", pos=text(spec["com_m"]), mass=text(spec["mass_kg"]),
+        fullinertia=text(spec["inertia_kg_m2_xx_yy_zz_xy_xz_yz"])
     )  # fmt: skip
     if spec["parent"] == "world":
         ET.SubElement(body, "freejoint", name="pelvis")
@@ -90,7 +75,7 @@ def _body(parent: ET.Element, spec: dict, parameters: dict, children: dict) -> N
             body,
             "site",
             name="imu",
-            pos=_text(parameters["pelvis"]["imu_site_m"]),
+            pos=text(parameters["pelvis"]["imu_site_m"]),
             size="0.01",
             rgba="0 0 0 0",
         )
@@ -100,35 +85,19 @@ def _body(parent: ET.Element, spec: dict, parameters: dict, children: dict) -> N
     for shape in parameters["collision_shapes"]:
         if shape["body"] == spec["body"]:
             _collision(body, shape)
-    side, _, part = spec["body"].partition("-")
-    for name, start, end, radius, material in _RODS:
-        if part == name:
-            mirror = -1.0 if side == "right" else 1.0
-            end = (end[0], end[1], end[2] * mirror) if name == "foot-crank" else end
-            ET.SubElement(
-                body,
-                "geom",
-                type="capsule",
-                size=_text(radius),
-                material=material,
-                fromto=_text((*start, *end)),
-                mass="0",
-                contype="0",
-                conaffinity="0",
-                group="1",
-            )
+    add_rods(body, spec["body"])
     for child in children.get(spec["body"], ()):
         _body(body, child, parameters, children)
 
 
 def _settings(root: ET.Element, parameters: dict) -> None:
     solver = parameters["solver"]
-    solref = _text(solver["contact_and_loop_solref"])
+    solref = text(solver["contact_and_loop_solref"])
     ET.SubElement(root, "compiler", angle="degree", autolimits="true", inertiafromgeom="false")
     ET.SubElement(
         root,
         "option",
-        timestep=_text(solver["physics_timestep_s"]),
+        timestep=text(solver["physics_timestep_s"]),
         integrator="implicitfast",
         solver="Newton",
         iterations="50",
@@ -137,44 +106,7 @@ def _settings(root: ET.Element, parameters: dict) -> None:
     default = ET.SubElement(root, "default")
     ET.SubElement(default, "geom", solref=solref, condim="3")
     ET.SubElement(default, "equality", solref=solref)
-    visual = ET.SubElement(root, "visual")
-    ET.SubElement(visual, "global", offwidth="1280", offheight="960")
-    ET.SubElement(visual, "headlight", ambient="0.35 0.35 0.35", diffuse="0.5 0.5 0.5")
-    ET.SubElement(visual, "quality", shadowsize="4096")
-    ET.SubElement(visual, "map", shadowclip="4")
-    asset = ET.SubElement(root, "asset")
-    ET.SubElement(
-        asset,
-        "texture",
-        name="grid",
-        type="2d",
-        builtin="checker",
-        width="300",
-        height="300",
-        rgb1="0.82 0.84 0.86",
-        rgb2="0.93 0.94 0.95",
-    )
-    ET.SubElement(
-        asset,
-        "texture",
-        type="skybox",
-        builtin="gradient",
-        width="64",
-        height="384",
-        rgb1="1 1 1",
-        rgb2="0.80 0.86 0.93",
-    )
-    ET.SubElement(
-        asset,
-        "material",
-        name="floor",
-        texture="grid",
-        texrepeat="10 10",
-        texuniform="true",
-        reflectance="0",
-    )
-    for name, rgba in _MATERIALS.items():
-        ET.SubElement(asset, "material", name=name, rgba=rgba)
+    add_scene(root)
 
 
 def _drives(root: ET.Element, parameters: dict) -> None:
@@ -197,9 +129,9 @@ def _drives(root: ET.Element, parameters: dict) -> None:
             joint=motor,
             gaintype="fixed",
             biastype="affine",
-            gainprm=_text(kp),
-            biasprm=_text((kp * neutral, -kp, -kd)),
-            forcerange=_text((-limits[motor], limits[motor])),
+            gainprm=text(kp),
+            biasprm=text((kp * neutral, -kp, -kd)),
+            forcerange=text((-limits[motor], limits[motor])),
         )
 
 
@@ -238,16 +170,7 @@ def build_mjcf(parameters: dict) -> str:
     root = ET.Element("mujoco", model="cassie")
     _settings(root, parameters)
     world = ET.SubElement(root, "worldbody")
-    ET.SubElement(
-        world,
-        "light",
-        name="sun",
-        pos="-1.5 -1 4",
-        dir="0.35 0.25 -1",
-        mode="trackcom",
-        type="directional",
-        diffuse="0.5 0.5 0.5",
-    )
+    add_light(world)
     ET.SubElement(
         world,
         "geom",
@@ -255,7 +178,7 @@ def build_mjcf(parameters: dict) -> str:
         type="plane",
         size="0 0 0.25",
         material="floor",
-        pos=_text((0, 0, parameters["solver"]["floor_height_m"])),
+        pos=text((0, 0, parameters["solver"]["floor_height_m"])),
         contype="0",
         conaffinity="7",
     )
@@ -272,7 +195,7 @@ def build_mjcf(parameters: dict) -> str:
             name=f"{loop['body1']}-loop",
             body1=loop["body1"],
             body2=loop["body2"],
-            anchor=_text(loop["anchor_in_body1_m"]),
+            anchor=text(loop["anchor_in_body1_m"]),
         )
     _drives(root, parameters)
     _sensors(root)
@@ -282,8 +205,8 @@ def build_mjcf(parameters: dict) -> str:
 
 def main() -> None:
     """Regenerate ``cassie.xml`` in place."""
-    parameters = json.loads(paths.ROBOT_PARAMETERS.read_text())
-    paths.ROBOT_XML.write_text(build_mjcf(parameters))
+    parameters = json.loads(paths.ROBOT_PARAMETERS.readtext())
+    paths.ROBOT_XML.writetext(build_mjcf(parameters))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from planning_toys import DoubleIntegrator, history, quadratic_reward
 
 from cassie_lib.errors import ParameterError, UnknownNameError
 from cassie_lib.gait import walk
-from cassie_lib.planning.objective import Objective, WalkingReward, integrate_lateral
+from cassie_lib.planning.objective import Objective, integrate_lateral
+from cassie_lib.planning.stage_reward import WalkingReward
 from cassie_lib.reward import ReferencePose, reward
 from cassie_lib.robot.schema import PELVIS_VELOCITY
 
@@ -64,14 +65,39 @@ def test_gait_term_pays_for_swinging_a_leg():
     standing[..., 5:15] = torch.as_tensor(GAIT.motor_position[0])
     zero = torch.zeros(1, 1, 4)
     plain, tracked = (WalkingReward(GAIT, gait_weight=weight) for weight in (0.0, 0.3))
-    gain = [(form(moving, phases, zero) - form(standing, phases, zero)).mean() for form in
-            (plain, tracked)]
+    gain = [
+        (form(moving, phases, zero) - form(standing, phases, zero)).mean()
+        for form in (plain, tracked)
+    ]
     assert gain[1] > 1.5 * gain[0] > 0
     torch.testing.assert_close(
         tracked(moving, phases, zero), 0.7 * plain(moving, phases, zero) + 0.3
     )
     with pytest.raises(ParameterError, match="gait_weight"):
         WalkingReward(GAIT, gait_weight=1.5)
+
+
+def test_foot_term_pays_for_lifting_the_right_foot_and_pulls_a_low_one_up():
+    phases = torch.arange(4)[None] + 5
+    states = torch.zeros(1, 1, 4, 49)
+    states[..., 0] = torch.as_tensor(GAIT.qpos[5:9, 2])
+    states[..., 1:5] = torch.as_tensor(GAIT.qpos[5:9, 3:7])
+    states[..., 5:15] = torch.as_tensor(GAIT.motor_position[5:9])
+    states[..., 34:40] = torch.as_tensor(GAIT.joint_position[5:9])
+    zero = torch.zeros(1, 1, 4)
+    plain, stepping = (WalkingReward(GAIT, foot_weight=weight) for weight in (0.0, 0.3))
+    expected = 0.7 * plain(states, phases, zero) + 0.3
+    torch.testing.assert_close(stepping(states, phases, zero), expected, atol=1e-4, rtol=0.0)
+    # Let the swinging foot (lifted in the reference) hang: a straighter knee lowers it.
+    swing = int(GAIT.foot_height_m[5:9].mean(axis=0).argmax())
+    knee = 5 + 5 * swing + 3
+    states[..., knee] += 0.4
+    leaf = states.clone().requires_grad_(True)
+    (gradient,) = torch.autograd.grad(stepping(leaf, phases, zero).sum(), leaf)
+    assert (stepping(states, phases, zero) < expected - 0.02).all()
+    assert (gradient[..., knee] < 0.0).all()
+    with pytest.raises(ParameterError, match="foot_weight is 0.7"):
+        WalkingReward(GAIT, gait_weight=0.5, foot_weight=0.7)
 
 
 def test_lateral_position_is_the_integral_of_velocity():

@@ -12,8 +12,9 @@ from cassie_lib.errors import NonFiniteError, ParameterError, ShapeError
 from cassie_lib.gait import walk
 from cassie_lib.planning import oracle as module
 from cassie_lib.planning.gradient_cem import GradientCEM
-from cassie_lib.planning.objective import Objective, WalkingReward
+from cassie_lib.planning.objective import Objective
 from cassie_lib.planning.oracle import OracleModel
+from cassie_lib.planning.stage_reward import WalkingReward
 from cassie_lib.simulator import Simulator
 
 COARSE = 0.002
@@ -118,10 +119,20 @@ def test_gradient_planner_improves_on_the_truth(simulator):
     objective = Objective(
         OracleModel(timestep_s=COARSE, threads=1), WalkingReward(walk(0.0509)), 0.99
     )
-    planner = GradientCEM(objective, gradient_parameters(
-        samples=4, elites=2, horizon=3, iterations=1, gradient_iterations=3, learning_rate=0.05,
-        momentum=0.0, normalise_gradient=True, keep_best=True,
-    ))
+    planner = GradientCEM(
+        objective,
+        gradient_parameters(
+            samples=4,
+            elites=2,
+            horizon=3,
+            iterations=1,
+            gradient_iterations=3,
+            learning_rate=0.05,
+            momentum=0.0,
+            normalise_gradient=True,
+            keep_best=True,
+        ),
+    )
     planner.reset([0, 1])
     plan = planner.plan(now(simulator), simulator.phase, simulator.pelvis_position[:, 1])
     assert (plan.imagined_return > plan.best_by_round[0]).all()

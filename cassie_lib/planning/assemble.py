@@ -10,7 +10,8 @@ from cassie_lib.dynamics.model import DynamicsModel
 from cassie_lib.errors import ParameterError
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.gradient_cem import GradientCEM
-from cassie_lib.planning.objective import Objective, WalkingReward
+from cassie_lib.planning.objective import Objective
+from cassie_lib.planning.stage_reward import WalkingReward
 from cassie_lib.planning.terminal import CriticValue
 from cassie_lib.presets import CEMParameters, GradientCEMParameters
 from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
@@ -40,7 +41,11 @@ def expert_cycle(
     """
     steps = PERIOD * (SETTLING_CYCLES + AVERAGED_CYCLES)
     recording = run_episodes(
-        expert, episodes=1, steps=steps, speed_mps=speed_mps, perturbation=0.0,
+        expert,
+        episodes=1,
+        steps=steps,
+        speed_mps=speed_mps,
+        perturbation=0.0,
         timestep_s=timestep_s,
     )
     if recording.fell[0]:
@@ -83,7 +88,7 @@ def make_planner(
         raise ParameterError(f"expert is None: expected one, the parameters say {needed}")
     reward = WalkingReward(
         reference or gait.walk(speed_mps), parameters.lateral, parameters.deadband,
-        parameters.gait_weight,
+        parameters.gait_weight, parameters.foot_weight,
     )  # fmt: skip
     terminal = CriticValue(expert.policy) if parameters.terminal_value else None
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)

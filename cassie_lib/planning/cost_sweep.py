@@ -17,7 +17,8 @@ from cassie_lib.planning.cost import (
     gradient_seconds,
     plan_seconds,
 )
-from cassie_lib.planning.objective import Objective, WalkingReward
+from cassie_lib.planning.objective import Objective
+from cassie_lib.planning.stage_reward import WalkingReward
 from cassie_lib.presets import CausalParameters, CEMParameters, replace
 from cassie_lib.simulator import S0_SPEED_MPS
 

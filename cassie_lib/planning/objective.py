@@ -8,46 +8,22 @@ that the simulator knows, or the term is read as a centre-of-mass *height* term 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-import numpy as np
 import torch
 
 from cassie_lib.dynamics.model import DynamicsModel, History
-from cassie_lib.errors import ParameterError, SchemaError, ShapeError, unknown_name
-from cassie_lib.reward import ReferencePose, reward
+from cassie_lib.errors import ParameterError, SchemaError, ShapeError
+from cassie_lib.planning.stage_reward import StageReward
 from cassie_lib.robot.schema import (
     ACTION_SIZE,
     CONTROL_PERIOD_S,
-    MOTOR_POSITION,
-    PELVIS_HEIGHT,
     PELVIS_VELOCITY,
     PERIOD,
     STATE_SIZE,
 )
 
-LATERAL = ("position", "height")
-_GAIT_SHARPNESS = 10.0  # 1/rad
 _VY = PELVIS_VELOCITY.start + 1
-
-
-class StageReward(Protocol):
-    """Reward of predicted states, differentiable in them."""
-
-    def __call__(
-        self, states: torch.Tensor, phase: torch.Tensor, lateral_m: torch.Tensor
-    ) -> torch.Tensor:
-        """Score predicted states.
-
-        Args:
-            states: ``(E, N, T, 49)``.
-            phase: ``(E, T)`` phases of the predicted steps.
-            lateral_m: ``(E, N, T)`` y of the pelvis, metres.
-
-        Returns:
-            ``(E, N, T)``.
-        """
-        ...
 
 
 class Score(NamedTuple):
@@ -80,65 +56,6 @@ def integrate_lateral(states: torch.Tensor, now: torch.Tensor, lateral_m: torch.
     before = torch.cat([first, velocity[..., :-1]], dim=-1)
     travelled = torch.cumsum(0.5 * CONTROL_PERIOD_S * (before + velocity), dim=-1)
     return lateral_m[:, None, None] + travelled
-
-
-class WalkingReward:
-    """Eq 3.10 on predicted states, against the gait reference of their phases.
-
-    Args:
-        gait: :class:`cassie_lib.gait.GaitReference`.
-        lateral: ``"position"`` scores y, ``"height"`` scores pelvis height against the gait's.
-        deadband: Keep the bands without penalty of Eq 3.10.  Inside one the gradient is zero, so
-            planners drop them by default.
-        gait_weight: Share of :func:`gait_term` besides Eq 3.10, 0 to 1.  Standing still scores
-            about 0.9 on Eq 3.10, and a planner with the true dynamics finds that out; this term,
-            like the one of the expert's training, makes stepping pay.  0 is the thesis.
-
-    Raises:
-        UnknownNameError: If ``lateral`` is neither of the two.
-        ParameterError: If the weight is out of range.
-    """
-
-    def __init__(
-        self, gait, lateral: str = "position", deadband: bool = False, gait_weight: float = 0.0
-    ):
-        if lateral not in LATERAL:
-            raise unknown_name("lateral term", lateral, LATERAL)
-        if not 0.0 <= gait_weight <= 1.0:
-            raise ParameterError(f"gait_weight is {gait_weight}: expected 0 to 1")
-        self.gait, self.lateral, self.deadband = gait, lateral, deadband
-        self.gait_weight = gait_weight
-        self._motor = torch.as_tensor(np.asarray(gait.motor_position), dtype=torch.float32)
-        self._joint = torch.as_tensor(np.asarray(gait.joint_position), dtype=torch.float32)
-        self._height = torch.as_tensor(np.asarray(gait.qpos)[:, 2], dtype=torch.float32)
-
-    def __call__(self, states, phase, lateral_m):
-        """Score ``states (E, N, T, 49)`` as :class:`StageReward` asks: ``(E, N, T)``."""
-        index = phase.to(self._motor.device)
-        reference = ReferencePose(self._motor[index][:, None], self._joint[index][:, None])
-        if self.lateral == "height":
-            lateral_m = states[..., PELVIS_HEIGHT.start] - self._height[index][:, None]
-        plain = reward(states, reference, lateral_m=lateral_m, deadband=self.deadband)
-        if not self.gait_weight:
-            return plain
-        periodic = gait_term(states[..., MOTOR_POSITION], reference.motor_position)
-        return (1.0 - self.gait_weight) * plain + self.gait_weight * periodic
-
-
-def gait_term(motor_position: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
-    """How closely the legs follow the reference: exp(-10 times the mean absolute error in rad).
-
-    Unlike the motor term of Eq 3.10 it is steep near zero error and not yet flat at the error of
-    a leg that stays on the ground during its swing (0.1 rad over all motors).
-
-    Args:
-        motor_position: ``(..., 10)`` rad.
-        reference: ``(..., 10)`` rad.
-
-    Returns:
-        ``(...)`` in (0, 1].
-    """
-    return (-_GAIT_SHARPNESS * (motor_position - reference).abs().mean(dim=-1)).exp()
 
 
 class Objective:

@@ -14,7 +14,8 @@ from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.gait import walk
 from cassie_lib.planning.assemble import make_planner
 from cassie_lib.planning.cost import Uncached, gradient_memory, gradient_seconds, plan_seconds
-from cassie_lib.planning.objective import Objective, WalkingReward
+from cassie_lib.planning.objective import Objective
+from cassie_lib.planning.stage_reward import WalkingReward
 from cassie_lib.presets import get_preset, replace
 
 

@@ -134,11 +134,11 @@ def _solve_cycle(name: str, speed: float) -> tuple[np.ndarray, np.ndarray]:
         cycle = index / count
         sway, height, feet = _plan(name, cycle, speed)
         guess[:3] = speed * cycle * PERIOD_S, sway, height
-        targets = tuple(
+        left, right = (
             FootTarget(np.array([guess[0] + _FOOT_FORWARD_M + forward, side, ground + lift]))
             for side, (forward, lift) in zip((STANCE_WIDTH_M, -STANCE_WIDTH_M), feet, strict=True)
         )
-        guess = kinematics.place_feet(guess, targets)
+        guess = kinematics.place_feet(guess, (left, right))
         configurations[index] = guess
         lifts[index] = [lift for _, lift in feet]
     return configurations, lifts

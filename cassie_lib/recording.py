@@ -45,7 +45,7 @@ class Recording:
     @property
     def reward(self) -> np.ndarray:
         """Plain Eq 3.10 per control step, ``(N, T)``; NaN after a fall."""
-        total = sum(self.terms.values())
+        total = np.sum(list(self.terms.values()), axis=0)
         steps = np.arange(total.shape[1])
         return np.where(steps[None, :] < self.length[:, None], total, np.nan)
 

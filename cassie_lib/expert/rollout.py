@@ -57,15 +57,16 @@ class Rollout:
         """
         rows = chosen[:, 0] + torch.arange(length).unsqueeze(1)
         columns = chosen[:, 1].expand_as(rows)
-        parts, robots = (chosen[:, 0] // length).tolist(), chosen[:, 1].tolist()
+        order, robots = (chosen[:, 0] // length).tolist(), chosen[:, 1].tolist()
         memory = [
             torch.stack(
-                [self.memories[s][net][:, :, r] for s, r in zip(parts, robots, strict=True)], dim=2
+                [self.memories[s][net][:, :, r] for s, r in zip(order, robots, strict=True)], dim=2
             )
             for net in (0, 1)
         ]
         names = ("inputs", "actions", "log_probability", "starts", "advantages", "targets")
-        return Sequences(*(getattr(self, name)[rows, columns] for name in names), memory)
+        parts = {name: getattr(self, name)[rows, columns] for name in names}
+        return Sequences(**parts, memory=memory)
 
 
 class Sequences(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def run_trials(
         parameters: Number of episodes and their lengths.
         timestep_s: Physics step in s.
     """
-    common = {"episodes": parameters.expert_seeds, "timestep_s": timestep_s}
+    common: dict[str, Any] = {"episodes": parameters.expert_seeds, "timestep_s": timestep_s}
     quiet = run_episodes(controller, steps=parameters.steps, speed_mps=S0_SPEED_MPS, **common)
     noisy = run_episodes(controller, steps=parameters.steps, noise_std_rad=0.06, seed=1, **common)
     push = Push(min(_PUSH_STEP, parameters.short_steps // 2), (0.0, PUSH_NS, 0.0),

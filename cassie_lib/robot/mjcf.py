@@ -13,11 +13,11 @@ import numpy as np
 from cassie_lib import paths
 from cassie_lib.robot.mjcf_looks import MATERIALS, add_light, add_rods, add_scene, text
 
-#: Contact bits: the trunk meets the floor only, a leg meets the floor and the other leg.
+#: Contact bits (contype, conaffinity): the trunk meets the floor, a leg floor and other leg.
 _CONTACT = {
-    "collision": {"contype": "1", "conaffinity": "0"},
-    "collision-left": {"contype": "2", "conaffinity": "4"},
-    "collision-right": {"contype": "4", "conaffinity": "2"},
+    "collision": ("1", "0"),
+    "collision-left": ("2", "4"),
+    "collision-right": ("4", "2"),
 }
 _FOOT_RADIUS_M = 0.02
 
@@ -42,10 +42,11 @@ def _joint(parent: ET.Element, spec: dict) -> None:
 def _collision(body: ET.Element, shape: dict) -> None:
     name = shape["body"]
     side = name.split("-")[0]
+    contact, affinity = _CONTACT[shape["group"]]
     geom = ET.SubElement(
         body, "geom", name=f"{name}-collision", type=shape["shape"], mass="0",
         size=text(shape["radius_m"]), material=side if side in MATERIALS else "shell",
-        **_CONTACT[shape["group"]]
+        contype=contact, conaffinity=affinity
     )  # fmt: skip
     if shape["shape"] == "sphere":
         geom.set("pos", text(shape["position_m"]))
@@ -205,8 +206,8 @@ def build_mjcf(parameters: dict) -> str:
 
 def main() -> None:
     """Regenerate ``cassie.xml`` in place."""
-    parameters = json.loads(paths.ROBOT_PARAMETERS.readtext())
-    paths.ROBOT_XML.writetext(build_mjcf(parameters))
+    parameters = json.loads(paths.ROBOT_PARAMETERS.read_text())
+    paths.ROBOT_XML.write_text(build_mjcf(parameters))
 
 
 if __name__ == "__main__":

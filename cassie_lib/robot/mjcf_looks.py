@@ -31,14 +31,14 @@ def add_rods(body: ET.Element, name: str) -> None:
     for carrier, start, end, radius, material in RODS:
         if part == carrier:
             mirror = -1.0 if side == "right" else 1.0
-            end = (end[0], end[1], end[2] * mirror) if carrier == "foot-crank" else end
+            tip = (end[0], end[1], end[2] * mirror) if carrier == "foot-crank" else end
             ET.SubElement(
                 body,
                 "geom",
                 type="capsule",
                 size=text(radius),
                 material=material,
-                fromto=text((*start, *end)),
+                fromto=text((*start, *tip)),
                 mass="0",
                 contype="0",
                 conaffinity="0",

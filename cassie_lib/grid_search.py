@@ -86,8 +86,9 @@ def one_factor_points(preset: Preset) -> list[Point]:
 def point_parameters(preset: Preset, point: Point) -> TransformerParameters:
     """The transformer of a point with the grid's budget."""
     grid = preset.grid
+    factors: dict[str, Any] = dict(zip(FACTORS, point.values, strict=True))
     return replace(
-        preset.transformer, **dict(zip(FACTORS, point.values, strict=True)), seed=point.seed,
+        preset.transformer, **factors, seed=point.seed,
         epochs=grid.epochs, windows_per_epoch=grid.windows_per_epoch, horizon=grid.horizon,
         gradient_penalty=grid.gradient_penalty, max_minutes=0.0,
     )  # fmt: skip

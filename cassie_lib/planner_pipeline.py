@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from cassie_lib import pipeline
 from cassie_lib.artifacts import Artifact, load_or_compute
 from cassie_lib.dagger import Round, Start, dagger_rounds
 from cassie_lib.dynamics.causal import CausalModel
-from cassie_lib.dynamics.store import load_model
+from cassie_lib.dynamics.store import load_causal
 from cassie_lib.errors import unknown_name
 from cassie_lib.expert.policy import load_expert
 from cassie_lib.files import write_json
@@ -36,13 +36,13 @@ class Trial(NamedTuple):
 
 def causal_model(preset: Preset) -> CausalModel:
     """The learned model that planners use."""
-    return load_model(pipeline.causal_artifact(preset).path, "causal")
+    return load_causal(pipeline.causal_artifact(preset).path)
 
 
 def baselines_artifact(preset: Preset) -> Artifact:
     """Plain Eq 3.10 per step of pi* and of the policy that has learned to stand still."""
     upstream = [pipeline.expert_artifact(preset), pipeline.reward_only_artifact(preset)]
-    protocol = {
+    protocol: dict[str, Any] = {
         "episodes": preset.evaluation.seeds,
         "steps": preset.evaluation.short_steps,
         "speed_mps": preset.simulation.speed_mps,
@@ -90,7 +90,13 @@ def _protocol(preset: Preset, **changes) -> Protocol:
 
 
 def planner_trial(
-    preset: Preset, planner: str, *, mean: str = "", after: Round | None = None, **protocol
+    preset: Preset,
+    planner: str,
+    *,
+    mean: str = "",
+    after: Round | None = None,
+    steps: int | None = None,
+    **protocol,
 ) -> Trial:
     """Closed-loop episodes of a planner on a learned model.
 
@@ -99,8 +105,9 @@ def planner_trial(
         planner: One of :data:`PLANNERS`.
         mean: Initial mean of the plans; default the preset's.
         after: Round of DAgger whose model is used; default the model before all rounds.
-        protocol: Fields of :class:`~cassie_lib.planning.evaluate.Protocol` that differ from
-            the preset's evaluation, e.g. ``steps``.
+        steps: Control steps of an episode; default those of the preset for the planner.
+        protocol: Other fields of :class:`~cassie_lib.planning.evaluate.Protocol` that differ from
+            the preset's evaluation.
 
     Raises:
         UnknownNameError: If the planner is unknown.
@@ -108,13 +115,14 @@ def planner_trial(
     parameters = planner_parameters(preset, planner)
     if mean:
         parameters = replace(parameters, mean=mean)
-    if planner == "cem":
-        protocol.setdefault("steps", preset.evaluation.cem_steps)
+    if steps is None:
+        sizes = preset.evaluation
+        steps = sizes.cem_steps if planner == "cem" else sizes.planner_steps
     source = after.artifact if after else pipeline.causal_artifact(preset)
     expert = pipeline.expert_artifact(preset)
     return Trial(
         *evaluate(
-            "dagger" if after else planner, _protocol(preset, **protocol),
+            "dagger" if after else planner, _protocol(preset, steps=steps, **protocol),
             after.model if after else causal_model(preset), parameters, load_expert(expert.path),
             upstream=[expert, source], preset=preset.name,
         )
@@ -131,7 +139,7 @@ def mean_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     own = planner_parameters(preset, planner).mean
     steps = preset.evaluation.ablation_steps
     return {
-        mean: planner_trial(preset, planner, **({} if mean == own else {"steps": steps}), mean=mean)
+        mean: planner_trial(preset, planner, steps=None if mean == own else steps, mean=mean)
         for mean in means
     }
 
@@ -191,8 +199,8 @@ def round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
     found = [planner_trial(preset, "gradient_cem")]
     for item in rounds:
         last = item.index == len(preset.dagger.schedule)
-        long = {"steps": preset.evaluation.last_round_steps} if last else {}
-        found.append(planner_trial(preset, "gradient_cem", after=item, **long))
+        steps = preset.evaluation.last_round_steps if last else None
+        found.append(planner_trial(preset, "gradient_cem", after=item, steps=steps))
     return found
 
 

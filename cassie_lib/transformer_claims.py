@@ -11,7 +11,7 @@ from cassie_lib.artifacts import Artifact
 from cassie_lib.dynamics.evaluation import OpenLoop
 from cassie_lib.plots.transformer import CAUSAL_LABEL, THESIS_LABEL, Log
 from cassie_lib.presets import Preset
-from cassie_lib.results import record_result
+from cassie_lib.results import Result, record_result
 
 #: Final Eq 3.6 of section 5.1.2 by set.
 THESIS_LOSSES = {"train": 0.0018, "validation": 0.0016, "test": 0.0013}
@@ -79,7 +79,7 @@ def record_training(preset: Preset, log: Log, artifact: Artifact) -> list[dict[s
 
 def record_accuracy(
     preset: Preset, models: Mapping[str, OpenLoop], artifact: Artifact
-) -> list[dict[str, Any]]:
+) -> list[Result]:
     """Record the causal model's relative errors on the test set beside their targets.
 
     Args:

@@ -65,7 +65,7 @@ class WalkingReport:
 
     def rows(self) -> list[dict[str, object]]:
         """Table rows: median and range over the episodes, bound, episodes that pass."""
-        table = []
+        table: list[dict[str, object]] = []
         for m in self.measures:
             bound = " to ".join(f"{b:g}" for b in (m.low, m.high) if np.isfinite(b))
             sign = (

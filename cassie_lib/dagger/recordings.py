@@ -74,12 +74,16 @@ def split_by_episode(
 
 def _episodes(transitions: Transitions, chosen: np.ndarray) -> Transitions:
     lengths = transitions.episode_lengths[chosen]
-    rows = np.concatenate([
-        np.arange(start, start + size)
-        for start, size in zip(transitions.episode_starts[chosen], lengths, strict=True)
-    ])
+    rows = np.concatenate(
+        [
+            np.arange(start, start + size)
+            for start, size in zip(transitions.episode_starts[chosen], lengths, strict=True)
+        ]
+    )
     return Transitions(
-        transitions.states[rows], transitions.actions[rows], transitions.phase[rows],
+        transitions.states[rows],
+        transitions.actions[rows],
+        transitions.phase[rows],
         np.cumsum([0, *lengths[:-1]]),
     )
 
@@ -94,10 +98,12 @@ def pad_starts(transitions: Transitions, context: int) -> Transitions:
         context: H; each episode gets H - 1 rows in front, at the phase of its first state.
     """
     starts, lengths = transitions.episode_starts, transitions.episode_lengths
-    rows = np.concatenate([
-        np.concatenate([np.full(context - 1, start), np.arange(start, start + size)])
-        for start, size in zip(starts, lengths, strict=True)
-    ])
+    rows = np.concatenate(
+        [
+            np.concatenate([np.full(context - 1, start), np.arange(start, start + size)])
+            for start, size in zip(starts, lengths, strict=True)
+        ]
+    )
     begins = np.cumsum([0, *(lengths[:-1] + context - 1)])
     actions = np.array(transitions.actions[rows])
     actions[(begins[:, None] + np.arange(context - 1)).ravel()] = np.zeros(ACTION_SIZE)
@@ -120,8 +126,10 @@ def window_shares(
     """
     if not 0.0 < decay <= 1.0:
         raise ParameterError(f"decay is {decay}: expected 0 < beta <= 1")
-    weights = np.array([
-        len(source.window_starts(length)) * decay**age
-        for source, age in zip(sources, ages, strict=True)
-    ])
+    weights = np.array(
+        [
+            len(source.window_starts(length)) * decay**age
+            for source, age in zip(sources, ages, strict=True)
+        ]
+    )
     return (weights / weights.sum()).tolist()

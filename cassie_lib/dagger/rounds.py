@@ -18,7 +18,7 @@ from cassie_lib.dagger.recordings import (
 from cassie_lib.data import collect, open_dataset
 from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.dynamics.evaluation import open_loop
-from cassie_lib.dynamics.store import load_model, save_model
+from cassie_lib.dynamics.store import load_causal, save_model
 from cassie_lib.dynamics.train_causal import train_causal
 from cassie_lib.dynamics.windows import Transitions, concatenate
 from cassie_lib.errors import ParameterError
@@ -205,7 +205,8 @@ def _retrain(folder: Path, index, model, start: Start, before: list[Round], para
 
 def _split(folder: Path, index: int, parameters) -> tuple[Transitions, Transitions, Transitions]:
     recorded = to_transitions(open_dataset(folder / DATA))
-    return split_by_episode(recorded, parameters.split, parameters.seed + index)
+    train, validation, test = split_by_episode(recorded, parameters.split, parameters.seed + index)
+    return train, validation, test
 
 
 def _report(folder, index, old, new, expert_test, planner_test, horizon) -> dict[str, Any]:
@@ -224,5 +225,5 @@ def _report(folder, index, old, new, expert_test, planner_test, horizon) -> dict
 def _open(artifact: Artifact, index: int, planner_steps: int, parameters) -> Round:
     report = json.loads(artifact.file(REPORT).read_text())
     parts = _split(artifact.path, index, parameters)
-    model = load_model(artifact.path / MODEL, "causal")
+    model = load_causal(artifact.path / MODEL)
     return Round(index, planner_steps, model, *parts, report, artifact)

@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
@@ -127,6 +127,11 @@ def _read_weights(path: Path) -> dict[str, Tensor]:
         raise CheckpointError(f"{path.name} is damaged or half-written: {detail}") from error
 
 
+def load_causal(folder: Path) -> CausalModel:
+    """Load a stored causal model; raises as :func:`load_model`, which refuses any other kind."""
+    return cast(CausalModel, load_model(folder, "causal"))
+
+
 def _build(folder: Path, card: dict[str, Any]) -> nn.Module:
     constructor, parameters = KINDS[card["kind"]]
     values = {
@@ -136,9 +141,7 @@ def _build(folder: Path, card: dict[str, Any]) -> nn.Module:
     try:
         return constructor(parameters(**values))
     except TypeError as error:
-        raise CheckpointError(
-            f"{folder.name}/{CARD} has unknown parameters: {error}"
-        ) from error
+        raise CheckpointError(f"{folder.name}/{CARD} has unknown parameters: {error}") from error
 
 
 __all__ = ["load_model", "read_card", "save_model", "schema_digest"]

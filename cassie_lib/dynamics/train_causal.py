@@ -122,7 +122,7 @@ class _CausalLoop:
             losses = result.thesis_loss_by_step()
             metrics |= {f"{name}__raw_step_{i + 1}": loss for i, loss in enumerate(losses)}
         self.run.model.train()
-        self.run.note(**metrics)
+        self.run.note(0, **metrics)
 
 
 def train_causal(

@@ -93,5 +93,6 @@ def make_planner(
     terminal = CriticValue(expert.policy) if parameters.terminal_value else None
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)
     cycle = expert_cycle(expert, speed_mps) if parameters.mean == "expert" else None
-    kind = GradientCEM if isinstance(parameters, GradientCEMParameters) else CEM
-    return kind(objective, parameters, cycle)
+    if isinstance(parameters, GradientCEMParameters):
+        return GradientCEM(objective, parameters, cycle)
+    return CEM(objective, parameters, cycle)

@@ -143,11 +143,17 @@ class CEM:
             elites = self._improve(scorer, candidates)
             distribution = refit(elites.actions, p.covariance, p.std_floor_rad)
             carried = self._carried(distribution.mean, elites.actions)
-        chosen = scorer.best if p.keep_best else candidates.top(1)
+        chosen = candidates.top(1)
+        if p.keep_best and scorer.best is not None:
+            chosen = scorer.best
         self._remember(episodes, chosen.actions[:, 0], elites.actions)
         return Plan(
-            chosen.actions[:, 0].clone(), chosen.value[:, 0].clone(), scorer.non_finite,
-            scorer.rollouts, torch.stack(rounds), chosen.states[:, 0].clone(),
+            chosen.actions[:, 0].clone(),
+            chosen.value[:, 0].clone(),
+            scorer.non_finite,
+            scorer.rollouts,
+            torch.stack(rounds),
+            chosen.states[:, 0].clone(),
         )
 
     def _improve(self, scorer: Scorer, candidates: Candidates) -> Candidates:
@@ -171,7 +177,7 @@ class CEM:
     def _mean(self, episodes: list[int], phase: torch.Tensor) -> torch.Tensor:
         """Initial mean ``(E, T, 10)``: zero, the last plan moved on, or the expert's cycle."""
         p = self.parameters
-        if p.mean == "expert":
+        if p.mean == "expert" and self._cycle is not None:
             index = (phase[:, None] + torch.arange(p.horizon)) % PERIOD
             return self._clip(self._cycle[index])
         if p.mean == "warm":

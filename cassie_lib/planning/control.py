@@ -85,9 +85,7 @@ class Context:
         states = torch.stack(list(self._states), dim=1)
         count = self.length - 1
         recent = list(self._actions)[-count:] if count else []
-        actions = (
-            torch.stack(recent, dim=1) if recent else torch.zeros(len(states), 0, ACTION_SIZE)
-        )
+        actions = torch.stack(recent, dim=1) if recent else torch.zeros(len(states), 0, ACTION_SIZE)
         physics = None if observation.physics is None else observation.physics[robots]
         phase = torch.as_tensor(np.asarray(observation.phase)[robots], dtype=torch.long)
         return History(states[robots], actions[robots], physics, phase)
@@ -118,8 +116,8 @@ class PlannerController:
                 f"model's {context} states are known"
             )
         self.planner, self.expert = planner, expert
-        self.handover_step = 0 if expert is None else (
-            context if handover_step is None else handover_step
+        self.handover_step = (
+            0 if expert is None else (context if handover_step is None else handover_step)
         )
         self._context = Context(context)
         self._rows: list[_Row] = []
@@ -196,7 +194,10 @@ class PlannerController:
         """A row without a plan."""
         count = self._count
         return _Row(
-            np.nan, np.zeros(count, dtype=bool), np.full(count, np.nan), reward,
+            np.nan,
+            np.zeros(count, dtype=bool),
+            np.full(count, np.nan),
+            reward,
             np.zeros(count, dtype=int),
         )
 

@@ -96,9 +96,7 @@ def gradient_seconds(objective: Objective, candidates: int, horizon: int, repeat
 def _problem(objective: Objective, candidates: int, horizon: int):
     actions = torch.zeros(1, candidates, horizon, ACTION_SIZE, requires_grad=True)
     zero = torch.zeros(1)
-    return actions, objective.bind(
-        standing_history(1, objective.model.context), zero.long(), zero
-    )
+    return actions, objective.bind(standing_history(1, objective.model.context), zero.long(), zero)
 
 
 def plan_seconds(planner, episodes: int = 1, repeats: int = 3, warm: bool = True) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -67,7 +67,7 @@ def save_episodes(path: Path, found: PlannedEpisodes) -> None:
         if field.name != "terms":
             arrays[field.name] = np.asarray(getattr(recording, field.name))
     arrays |= {f"log_{name}": np.asarray(value) for name, value in log._asdict().items()}
-    small = {
+    small: dict[str, Any] = {
         name: value.astype(np.float32) if value.dtype == np.float64 and value.ndim else value
         for name, value in arrays.items()
     }

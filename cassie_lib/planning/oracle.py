@@ -177,7 +177,8 @@ class _Rollout(torch.autograd.Function):
     def backward(ctx, gradient):
         """Vector-Jacobian product: ``(E, N, T, 49)`` to ``(E, N, T, 10)``."""
         weight = gradient.detach().flatten(0, 1).cpu().double().numpy()
-        product = _vector_jacobian(ctx.oracle, *ctx.problem, weight)
+        start, flat, states, after, fallen = ctx.problem
+        product = _vector_jacobian(ctx.oracle, start, flat, states, after, fallen, weight)
         product = torch.as_tensor(product, dtype=gradient.dtype).unflatten(0, gradient.shape[:2])
         return product, None, None, None, None
 
@@ -199,7 +200,10 @@ def _vector_jacobian(oracle, start, actions, states, after, fallen, weight):
     row, step, motor, sign = (
         index.ravel()
         for index in np.meshgrid(
-            np.arange(rows), np.arange(horizon), np.arange(ACTION_SIZE), np.array(signs),
+            np.arange(rows),
+            np.arange(horizon),
+            np.arange(ACTION_SIZE),
+            np.array(signs),
             indexing="ij",
         )
     )

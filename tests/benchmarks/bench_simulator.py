@@ -2,7 +2,7 @@
 
 Prints physics steps per second of N = 64 robots on all cores, the share of twice the rate of one
 thread that never leaves C, PPO's control steps per second, and the import time of the package.
-Run it on an idle machine; every rate is the best of several repetitions.
+Run it on an idle machine.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cassie_lib.simulator import Simulator
 
 ROBOTS = 64
 CONTROL_STEPS = 10
-REPEATS = 5
+PAIRS = 21
 
 
 def _start(simulator: Simulator) -> np.ndarray:
@@ -33,31 +33,37 @@ def _start(simulator: Simulator) -> np.ndarray:
     return reference.motor_position - robot.neutral_pose()
 
 
-def batched_rate(threads: int | None = None) -> float:
-    """Physics steps per second of :class:`Simulator`, Python included."""
-    simulator, best = Simulator(ROBOTS, threads=threads), 0.0
-    for _ in range(REPEATS):
-        cycle = _start(simulator)
-        began = time.perf_counter()
-        for _ in range(CONTROL_STEPS):
-            simulator.step(cycle[(simulator.phase + 1) % 28])
-        best = max(best, ROBOTS * CONTROL_STEPS * 60 / (time.perf_counter() - began))
-    return best
+def batched_seconds(simulator: Simulator) -> float:
+    """Seconds for ten control steps of :class:`Simulator`, Python included."""
+    cycle = _start(simulator)
+    began = time.perf_counter()
+    for _ in range(CONTROL_STEPS):
+        simulator.step(cycle[(simulator.phase + 1) % 28])
+    return time.perf_counter() - began
 
 
-def c_only_rate() -> float:
-    """Physics steps per second of one thread inside one call of ``mujoco.rollout``."""
-    simulator = Simulator(ROBOTS, threads=1)
-    data, best = mujoco.MjData(simulator.model), 0.0
+def c_only_seconds(simulator: Simulator, data: mujoco.MjData, pool) -> float:
+    """Seconds for the same steps by one thread inside one call of ``mujoco.rollout``."""
+    cycle = _start(simulator)
+    steps = (simulator.phase[:, None] + 1 + np.arange(CONTROL_STEPS)) % 28
+    control = np.repeat(cycle[steps], 60, axis=1)
+    began = time.perf_counter()
+    pool.rollout(simulator.model, data, simulator.physics, control)
+    return time.perf_counter() - began
+
+
+def simulation_rates() -> tuple[np.ndarray, np.ndarray]:
+    """Physics steps per second, batched and in C alone, measured in turn: ``(PAIRS,)`` each.
+
+    In turn, because the clock of a shared machine drifts by more than what is measured.
+    """
+    simulator, seconds = Simulator(ROBOTS), []
+    data, steps = mujoco.MjData(simulator.model), ROBOTS * CONTROL_STEPS * 60
     with mujoco.rollout.Rollout(nthread=0) as pool:
-        for _ in range(REPEATS):
-            cycle = _start(simulator)
-            steps = (simulator.phase[:, None] + 1 + np.arange(CONTROL_STEPS)) % 28
-            control = np.repeat(cycle[steps], 60, axis=1)
-            began = time.perf_counter()
-            pool.rollout(simulator.model, data, simulator.physics, control)
-            best = max(best, ROBOTS * CONTROL_STEPS * 60 / (time.perf_counter() - began))
-    return best
+        for _ in range(PAIRS):
+            seconds.append((batched_seconds(simulator), c_only_seconds(simulator, data, pool)))
+    batched, alone = np.array(seconds).T
+    return steps / batched, steps / alone
 
 
 def import_seconds() -> tuple[float, bool]:
@@ -80,20 +86,21 @@ def ppo_rate() -> float:
     began, count = time.perf_counter(), 4
     for _ in range(count):
         run._update()
-    return count * preset.expert.robots * preset.expert.rollout_steps / (
-        time.perf_counter() - began
+    return (
+        count * preset.expert.robots * preset.expert.rollout_steps / (time.perf_counter() - began)
     )
 
 
 def main() -> None:
     """Print the figures."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    batched, single = batched_rate(), c_only_rate()
+    batched, alone = simulation_rates()
+    share = np.percentile(batched / (cores * alone), (25, 50, 75))
     seconds, torch = import_seconds()
     print(f"cores {cores}")
-    print(f"batched, N = {ROBOTS}, 0.5 ms: {batched:,.0f} physics steps/s")
-    print(f"one thread, C only: {single:,.0f} steps/s; share of {cores} x that: "
-          f"{batched / (cores * single):.1%}")  # fmt: skip
+    print(f"batched, N = {ROBOTS}, 0.5 ms: {np.median(batched):,.0f} physics steps/s")
+    print(f"one thread, C only: {np.median(alone):,.0f} steps/s; share of {cores} x that, "
+          f"median of {PAIRS} pairs: {share[1]:.1%} (quartiles {share[0]:.1%}, {share[2]:.1%})")  # fmt: skip
     print(f"import of robot and simulator: {seconds:.2f} s, torch imported: {torch}")
     print(f"recurrent PPO with learning: {ppo_rate():,.0f} control steps/s")
 

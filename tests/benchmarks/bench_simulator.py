@@ -100,7 +100,8 @@ def main() -> None:
     print(f"cores {cores}")
     print(f"batched, N = {ROBOTS}, 0.5 ms: {np.median(batched):,.0f} physics steps/s")
     print(f"one thread, C only: {np.median(alone):,.0f} steps/s; share of {cores} x that, "
-          f"median of {PAIRS} pairs: {share[1]:.1%} (quartiles {share[0]:.1%}, {share[2]:.1%})")  # fmt: skip
+          f"median of {PAIRS} pairs: {share[1]:.1%} "
+          f"(quartiles {share[0]:.1%}, {share[2]:.1%})")  # fmt: skip
     print(f"import of robot and simulator: {seconds:.2f} s, torch imported: {torch}")
     print(f"recurrent PPO with learning: {ppo_rate():,.0f} control steps/s")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -93,7 +93,7 @@ def planner_trial(
     preset: Preset,
     planner: str,
     *,
-    mean: str = "",
+    changes: Mapping[str, Any] | None = None,
     after: Round | None = None,
     steps: int | None = None,
     **protocol,
@@ -103,7 +103,7 @@ def planner_trial(
     Args:
         preset: The preset.
         planner: One of :data:`PLANNERS`.
-        mean: Initial mean of the plans; default the preset's.
+        changes: Planner parameters that differ from the preset's, by name.
         after: Round of DAgger whose model is used; default the model before all rounds.
         steps: Control steps of an episode; default those of the preset for the planner.
         protocol: Other fields of :class:`~cassie_lib.planning.evaluate.Protocol` that differ from
@@ -112,9 +112,7 @@ def planner_trial(
     Raises:
         UnknownNameError: If the planner is unknown.
     """
-    parameters = planner_parameters(preset, planner)
-    if mean:
-        parameters = replace(parameters, mean=mean)
+    parameters = replace(planner_parameters(preset, planner), **(changes or {}))
     if steps is None:
         sizes = preset.evaluation
         steps = sizes.cem_steps if planner == "cem" else sizes.planner_steps
@@ -139,8 +137,28 @@ def mean_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     own = planner_parameters(preset, planner).mean
     steps = preset.evaluation.ablation_steps
     return {
-        mean: planner_trial(preset, planner, steps=None if mean == own else steps, mean=mean)
+        mean: planner_trial(
+            preset, planner, steps=None if mean == own else steps, changes={"mean": mean}
+        )
         for mean in means
+    }
+
+
+def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
+    """What the planner's reward adds: Eq 3.11 alone as in the thesis, with the critic, and all.
+
+    The preset's own reward is taken from the full trial, which begins with the same steps.
+    """
+    steps = preset.evaluation.ablation_steps
+    bare = {"gait_weight": 0.0, "foot_weight": 0.0}
+    return {
+        "Eq 3.11 alone": planner_trial(
+            preset, planner, steps=steps, changes=bare | {"terminal_value": False}
+        ),
+        "with the critic": planner_trial(
+            preset, planner, steps=steps, changes=bare | {"terminal_value": True}
+        ),
+        "with critic and foot term": planner_trial(preset, planner),
     }
 
 

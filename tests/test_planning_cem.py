@@ -63,6 +63,18 @@ def test_cem_approaches_the_linear_quadratic_optimum():
     assert 0 <= full < 0.01 < diagonal < 0.2 < few
 
 
+def test_imagined_return_leaves_the_terminal_value_out():
+    def terminal(history, states, phase):
+        return 100.0 + 0.0 * states[..., 0].sum(dim=-1)
+
+    plain = solve(cem_parameters())
+    valued = solve(cem_parameters(), terminal_value=terminal)
+    # A constant changes neither the choice nor the part that can be compared with what follows.
+    torch.testing.assert_close(valued.actions, plain.actions)
+    torch.testing.assert_close(valued.imagined_return, plain.imagined_return)
+    assert (valued.best_by_round > plain.best_by_round + 50.0).all()
+
+
 def test_gradient_cem_beats_cem_with_the_same_rollouts():
     gradient = solve(gradient_parameters())
     plain = solve(cem_parameters(samples=gradient.rollouts // 3, elites=8, iterations=2))

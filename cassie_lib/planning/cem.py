@@ -30,7 +30,8 @@ class Plan(NamedTuple):
 
     Attributes:
         actions: ``(E, T, 10)`` rad; the first one is executed.
-        imagined_return: ``(E,)`` Eq 3.11 of that sequence on the dynamics model.
+        imagined_return: ``(E,)`` Eq 3.11 of that sequence on the dynamics model, without the
+            terminal value.
         non_finite: ``(E,)`` candidates whose prediction was not finite.
         rollouts: Candidates rolled out per episode, with and without gradients.
         best_by_round: ``(R, E)`` best return of each sampling round, the last one included.
@@ -147,13 +148,16 @@ class CEM:
         if p.keep_best and scorer.best is not None:
             chosen = scorer.best
         self._remember(episodes, chosen.actions[:, 0], elites.actions)
+        states = chosen.states[:, :1].clone()
+        with torch.inference_mode():
+            imagined = self.objective.horizon_return(history, states, phase, lateral_m)
         return Plan(
             chosen.actions[:, 0].clone(),
-            chosen.value[:, 0].clone(),
+            imagined[:, 0].clone(),
             scorer.non_finite,
             scorer.rollouts,
             torch.stack(rounds),
-            chosen.states[:, 0].clone(),
+            states[:, 0],
         )
 
     def _improve(self, scorer: Scorer, candidates: Candidates) -> Candidates:

@@ -152,16 +152,35 @@ class Objective:
                 f"the dynamics model predicts {tuple(states.shape)}: expected "
                 f"{(*actions.shape[:3], STATE_SIZE)}"
             )
-        horizon = actions.shape[2]
-        ahead = torch.arange(1, horizon + 1, device=phase.device)
-        phases = (phase[:, None] + ahead) % PERIOD
-        lateral = integrate_lateral(states, history.states[:, -1], lateral_m)
-        stage = self.stage_reward(states, phases, lateral)
-        weight = self.discount ** ahead.to(stage)
-        value = (stage * weight).sum(dim=-1)
+        value = self.horizon_return(history, states, phase, lateral_m)
         if self.terminal_value is not None:
+            horizon = states.shape[2]
+            phases = _phases(phase, horizon)
             beyond = self.discount ** (horizon + 1)
             value = value + beyond * self.terminal_value(history, states, phases)
         finite = torch.isfinite(states.detach()).flatten(2).all(dim=-1)
         finite = finite & torch.isfinite(value.detach())
         return Score(torch.where(finite, value, float("-inf")), finite, states)
+
+    def horizon_return(
+        self, history: History, states: torch.Tensor, phase: torch.Tensor, lateral_m: torch.Tensor
+    ) -> torch.Tensor:
+        """Eq 3.11 over predicted states, without what a terminal value adds.
+
+        Args:
+            history, phase, lateral_m: As for :meth:`bind`.
+            states: ``(E, N, T, 49)``.
+
+        Returns:
+            ``(E, N)``.
+        """
+        horizon = states.shape[2]
+        lateral = integrate_lateral(states, history.states[:, -1], lateral_m)
+        stage = self.stage_reward(states, _phases(phase, horizon), lateral)
+        weight = self.discount ** torch.arange(1, horizon + 1, device=phase.device).to(stage)
+        return (stage * weight).sum(dim=-1)
+
+
+def _phases(phase: torch.Tensor, horizon: int) -> torch.Tensor:
+    """Phases ``(E, T)`` of the steps after phases ``(E,)``."""
+    return (phase[:, None] + torch.arange(1, horizon + 1, device=phase.device)) % PERIOD

@@ -13,7 +13,8 @@ from cassie_lib import paths
 #: From left to right; a module imports only from those before it.
 ORDER = """
 errors paths files code_version parameters presets logs checkpoints intervals artifacts provenance
-robot reward gait recorded_gait simulator environment physics_checks walking walking_report
+robot reward gait recorded_gait simulator environment physics_checks
+controllers recording walking walking_report
 expert data dynamics planning dagger pipeline planner_pipeline grid_search
 stamps results figures video plots transformer_claims gallery notebook_run batch
 """.split()

@@ -62,16 +62,21 @@ def against_thesis(found: PlannedEpisodes, thesis_steps: float) -> Verdict:
     """Compare planner-only steps with the thesis's number of steps until its fall.
 
     ``better`` when the whole interval is above it, ``reproduced`` when the interval reaches it,
-    and neither when the robot stays upright without stepping in most of its cycles.
+    and neither when the robot stays upright without stepping in most of its cycles, or when the
+    trial ended, with robots upright, before it could tell.
     """
     steps = found.planner_steps
+    total = found.recording.actions.shape[1] - found.log.handover_step
     low, high = bootstrap_interval(steps)
     median, upright = float(np.median(steps)), int((~found.recording.fell).sum())
     reasons = [f"{upright} of {len(steps)} seeds upright at the end"]
     share = stepping_share(found)
     stepping = np.isfinite(share).any() and float(np.nanmedian(share)) >= 0.5
     verdict = "better" if low > thesis_steps else "reproduced"
-    if high < thesis_steps:
+    if high < thesis_steps and high >= total:
+        verdict = "not comparable"
+        reasons.append(f"the trial ended after {total} steps, before the thesis's robot fell")
+    elif high < thesis_steps:
         verdict = "not reproduced"
         reasons.append("fell earlier than the thesis's robot")
     elif not stepping:

@@ -1,0 +1,160 @@
+"""Verdicts of notebooks 06 to 08: better, reproduced or not, and nothing better than it is."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from recording_toys import toy_trial
+
+from cassie_lib import artifacts, paths
+from cassie_lib.errors import ParameterError
+from cassie_lib.plots import planner_numbers as numbers
+from cassie_lib.provenance import CHANGED, Provenance
+from cassie_lib.robot.schema import PERIOD
+
+HANDOVER, STEPS = 28, 228
+THESIS = 100
+
+
+@pytest.fixture(autouse=True)
+def folders(tmp_path, monkeypatch):
+    for name in ("CACHE", "FIGURES", "DATA"):
+        monkeypatch.setattr(paths, name, tmp_path / name.lower())
+    monkeypatch.delenv(CHANGED, raising=False)
+
+
+@pytest.fixture
+def provenance():
+    made = [
+        artifacts.load_or_compute(
+            "walking", {"x": x}, lambda folder: (folder / "a").write_text("x"), preset="laptop"
+        )
+        for x in (1, 2)
+    ]
+    return Provenance.of("laptop", 4, made)
+
+
+def trial(planner_steps, **options):
+    lengths = HANDOVER + np.asarray(planner_steps)
+    return toy_trial(lengths, STEPS, handover=HANDOVER, **options)
+
+
+def stored():
+    return json.loads((paths.FIGURES / "results.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("planner_steps", "lift_m", "verdict", "reason"),
+    [
+        ([150, 160, 170, 200], 0.1, "better", "1 of 4 seeds upright"),
+        ([80, 90, 110, 120], 0.1, "reproduced", "0 of 4 seeds upright"),
+        ([30, 40, 50, 60], 0.1, "not reproduced", "fell earlier"),
+        # Standing lasts as long as you like, but it is no walk.
+        ([200, 200, 200, 200], 0.04, "not comparable", "does not lift both feet"),
+        # Short and without a step: that it fell early is what counts.
+        ([30, 40, 50, 60], 0.0, "not reproduced", "fell earlier"),
+    ],
+)
+def test_verdict_follows_from_interval_and_steps(planner_steps, lift_m, verdict, reason):
+    found = numbers.against_thesis(trial(planner_steps, lift_m=lift_m), THESIS)
+    assert found.verdict == verdict
+    assert reason in found.reason
+    assert "probably includes a prefix" in found.reason
+    assert found.median == np.median(planner_steps)
+    assert min(planner_steps) <= found.interval[0] <= found.median <= found.interval[1]
+
+
+def test_an_interval_that_just_reaches_the_thesis_reproduces_it_and_no_more():
+    same = trial([THESIS] * 4)
+    assert numbers.against_thesis(same, THESIS).verdict == "reproduced"
+    assert numbers.against_thesis(same, THESIS - 1).verdict == "better"
+    assert numbers.against_thesis(same, THESIS + 1).verdict == "not reproduced"
+
+
+def test_a_trial_that_ended_upright_before_the_thesis_fell_proves_nothing():
+    found = numbers.against_thesis(trial([200] * 4), 500)
+    assert found.verdict == "not comparable"
+    assert "ended after 200 steps" in found.reason
+    assert "fell earlier" not in found.reason
+
+
+def test_stepping_counts_cycles_in_which_both_feet_rise():
+    walks = trial([200, 200, 20])
+    share = numbers.stepping_share(walks)
+    np.testing.assert_allclose(share[:2], 1.0)
+    assert np.isnan(share[2]), "no whole cycle"
+    height = walks.recording.foot_height
+    # The right foot stays down in the second of seven cycles of one episode.
+    height[0, HANDOVER + PERIOD : HANDOVER + 2 * PERIOD, 1] = 0.0
+    assert numbers.stepping_share(walks)[0] == pytest.approx(6 / 7)
+    # What the expert does before the hand-over does not count.
+    height[1, :HANDOVER] = 0.0
+    assert numbers.stepping_share(walks)[1] == 1.0
+
+
+def test_record_holds_median_interval_seeds_verdict_and_time(provenance):
+    found = trial([80, 90, 110, 120])
+    line = numbers.record_steps("06-toy", "Figure 5.6", "toy steps", found, THESIS, provenance)
+    (record,) = stored()
+    expected = numbers.against_thesis(found, THESIS)
+    assert record["value"] == 100.0
+    assert tuple(record["interval"]) == expected.interval
+    assert (record["seeds"], record["thesis_value"], record["unit"]) == (4, THESIS, "steps")
+    assert (record["verdict"], record["reason"]) == (expected.verdict, expected.reason)
+    assert record["protocol"] == "a toy"
+    time = sum(item.wall_time_s for item in provenance.artifacts)
+    assert record["wall_time_s"] == pytest.approx(time, abs=0.05)
+    assert line.startswith("toy steps: thesis 100 in all, here 100 by the planner alone")
+    assert "reproduced" in line
+
+
+@pytest.mark.parametrize(
+    ("after", "verdict"),
+    [([60, 70, 90, 95], "reproduced"), ([10, 40, 60, 90], "not reproduced")],
+)
+def test_gain_compares_the_same_seeds(after, verdict, provenance):
+    before, later = trial([20, 40, 50, 60]), trial(after)
+    gain = numbers.improvement(before, later)
+    assert gain[0] == np.median(np.subtract(after, [20, 40, 50, 60]))
+    assert gain[1] <= gain[0] <= gain[2]
+    numbers.record_gain("08-toy", "Figure 5.8", gain, later, provenance)
+    (record,) = stored()
+    assert (record["value"], *record["interval"]) == gain
+    assert record["verdict"] == verdict
+    assert bool(record["reason"]) == (verdict == "not reproduced")
+
+
+def test_table_cuts_trials_of_different_length_to_the_same():
+    trials = {"long": trial([50, 150, 200]), "padded": toy_trial([100, 120, 150], 150)}
+    table = numbers.steps_table(trials, limit=128)
+    # 128 control steps, of which the expert drives 28 in the first trial and none in the second.
+    assert table["median planner-only steps"].tolist() == ["100", "120"]
+    assert table["least, greatest"].tolist() == ["50, 100", "100, 128"]
+    assert table["still upright at its end"].tolist() == ["2/3 after 100", "1/3 after 128"]
+    whole = numbers.steps_table(trials).loc["long"]
+    assert whole["median planner-only steps"] == "150"
+    assert whole["still upright at its end"] == "1/3 after 200"
+    assert whole["cycles with both feet lifted 5 cm"] == "100%"
+    assert whole["median plan (ms, all seeds)"] == "20"
+    short = numbers.steps_table({"short": trial([5, 9])})
+    assert short["cycles with both feet lifted 5 cm"].tolist() == ["–"]
+
+
+def test_report_leaves_out_what_the_expert_did():
+    report = numbers.planner_report(trial([200]))
+    # Lifts 0.1 m; before the hand-over and in a padded start's first cycles nothing counts.
+    assert report["least foot lift"].values == [pytest.approx(0.1)]
+    padded = toy_trial([200], 200)
+    padded.recording.foot_height[:, : 2 * PERIOD] = 0.0
+    assert numbers.planner_report(padded)["least foot lift"].values == [pytest.approx(0.1)]
+    with pytest.raises(ParameterError, match="expected at least"):
+        numbers.planner_report(toy_trial([60], 60, handover=28))
+
+
+def test_median_episode_and_target():
+    found = trial([150, 20, 90, 60])
+    assert numbers.median_episode(found) == 2, "the upper one of the two in the middle"
+    assert numbers.target_line(found, 75).endswith("reached with 75")
+    assert "NOT reached with 75" in numbers.target_line(found, 76)

@@ -163,8 +163,10 @@ def side_by_side(
     """
     halves = []
     for found, episode in ((left, int(left.recording.length.argmin())), (right, longest(right))):
-        end = int(found.recording.length[episode]) + 1
-        qpos = found.recording.qpos[episode, max(0, end - steps) : end : stride]
+        last = int(found.recording.length[episode])
+        # Counted from the end, so that the stride never skips the last pose.
+        rows = np.arange(last, max(-1, last - steps), -stride)[::-1]
+        qpos = found.recording.qpos[episode, rows]
         halves.append(pictures(qpos, width=size, height=size)[0])
     frames = max(len(half) for half in halves)
     padded = [np.concatenate([half[:1].repeat(frames - len(half), 0), half]) for half in halves]

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import os
 from pathlib import Path
 
 import torch
 
 from cassie_lib.errors import CheckpointError
+
+#: First bytes of a checkpoint; the SHA-256 of what follows comes next.  PyTorch itself does not
+#: notice a flipped bit in a tensor.
+_HEAD = b"cassie checkpoint 1 "
+_DIGEST_SIZE = 32
+#: A checkpoint without that head, as PyTorch writes it.
+_PLAIN = b"PK"
 
 
 def save_checkpoint(path: Path, content: dict, identity: str) -> None:
@@ -18,9 +27,12 @@ def save_checkpoint(path: Path, content: dict, identity: str) -> None:
         content: Nested dictionaries and lists of tensors, numbers and strings.
         identity: Whatever must agree for a resume to make sense (parameters, seed, schema).
     """
+    buffer = io.BytesIO()
+    torch.save({"identity": identity, "content": content}, buffer)
     temporary = path.with_suffix(path.suffix + ".tmp")
     with open(temporary, "wb") as file:
-        torch.save({"identity": identity, "content": content}, file)
+        file.write(_HEAD + hashlib.sha256(buffer.getbuffer()).digest())
+        file.write(buffer.getbuffer())
         file.flush()
         os.fsync(file.fileno())
     os.replace(temporary, path)
@@ -42,7 +54,7 @@ def load_checkpoint(path: Path, identity: str) -> dict | None:
     if not path.exists():
         return None
     try:
-        stored = torch.load(path, map_location="cpu", weights_only=True)
+        stored = torch.load(_whole(path.read_bytes()), map_location="cpu", weights_only=True)
         found, content = stored["identity"], stored["content"]
     except Exception as error:
         raise CheckpointError(
@@ -52,3 +64,15 @@ def load_checkpoint(path: Path, identity: str) -> dict | None:
     if found != identity:
         raise CheckpointError(f"{path} belongs to run {found!r}: expected {identity!r}")
     return content
+
+
+def _whole(data: bytes) -> io.BytesIO:
+    """The part that PyTorch reads, after checking it against its digest."""
+    if data.startswith(_PLAIN):
+        return io.BytesIO(data)
+    start = len(_HEAD) + _DIGEST_SIZE
+    if not data.startswith(_HEAD):
+        raise ValueError("no checkpoint")
+    if hashlib.sha256(data[start:]).digest() != data[len(_HEAD) : start]:
+        raise ValueError("another SHA-256 than when it was written")
+    return io.BytesIO(data[start:])

@@ -6,16 +6,25 @@ import hashlib
 import json
 import os
 import sys
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from filelock import FileLock, Timeout
 
 from cassie_lib.errors import ParameterError
+
+#: What reading a damaged JSON, ``.npy`` or ``.npz`` file may raise, found by flipping bits.
+UNREADABLE = (
+    OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, MemoryError, OverflowError,
+    BadZipFile, zlib.error, TokenError,
+)  # fmt: skip
 
 
 def plain(value: Any, name: str = "parameters") -> Any:

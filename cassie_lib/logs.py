@@ -25,13 +25,13 @@ class CsvLog:
         self.path, self.seed = path, seed
         kept = []
         if path.exists():
-            with open(path, newline="") as file:
+            with open(path, newline="", errors="replace") as file:
                 rows = list(csv.reader(file))
             # A kill can leave half a line at the end.
             kept = [
                 row
                 for row in rows[1:]
-                if len(row) == len(_FIELDS) and row[0].isdigit() and int(row[0]) <= resume_step
+                if len(row) == len(_FIELDS) and row[0].isdecimal() and int(row[0]) <= resume_step
             ]
         temporary = path.with_suffix(".tmp")
         with open(temporary, "w", newline="") as file:

@@ -44,8 +44,15 @@ def find_notebook(name: str) -> Path:
 
 
 def notebook_parameters(notebook: Path) -> dict[str, Any]:
-    """Parameters of a notebook and their defaults, from the cell tagged ``parameters``."""
-    book = json.loads(notebook.read_text(encoding="utf-8"))
+    """Parameters of a notebook and their defaults, from the cell tagged ``parameters``.
+
+    Raises:
+        NotebookError: If the file is no JSON.
+    """
+    try:
+        book = json.loads(notebook.read_text(encoding="utf-8"))
+    except ValueError:
+        raise NotebookError(f"{notebook.name} cannot be read: expected a notebook") from None
     found: dict[str, Any] = {}
     for cell in book["cells"]:
         if "parameters" in cell["metadata"].get("tags", ()):
@@ -156,9 +163,10 @@ def run_notebook(
     Raises:
         UnknownNameError: If the notebook, preset or a parameter does not exist.
         ParameterError: If a parameter has another type than its default.
-        NotebookError: If a cell fails.
+        NotebookError: If a cell fails or the kernel dies.
     """
     import papermill
+    from nbclient.exceptions import DeadKernelError
 
     notebook, preset, changed = find_notebook(name), resolve(preset).name, dict(parameters or {})
     check_parameters(notebook, changed)
@@ -185,14 +193,16 @@ def run_notebook(
                 cwd=paths.NOTEBOOKS, progress_bar=_progress(notebook.stem), start_timeout=180,
                 config=_kernel_settings(),
             )  # fmt: skip
-    except papermill.PapermillExecutionError as error:
+    except (papermill.PapermillExecutionError, DeadKernelError) as error:
         failed = paths.CACHE / "failed" / notebook.name
         failed.parent.mkdir(parents=True, exist_ok=True)
         partial.replace(failed)
         used.unlink(missing_ok=True)
+        what = ": its kernel was killed, perhaps for want of memory; run again, it goes on"
+        if isinstance(error, papermill.PapermillExecutionError):
+            what = f", In [{error.exec_count}]: {error.ename}: {error.evalue}"
         raise NotebookError(
-            f"{notebook.name}, In [{error.exec_count}]: {error.ename}: {error.evalue}; "
-            f"executed so far: {short_path(failed)}"
+            f"{notebook.name}{what}; executed so far: {short_path(failed)}"
         ) from None
     seconds = time.time() - begun
     write_text(target, _cleaned(partial, seconds))

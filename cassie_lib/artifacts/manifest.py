@@ -96,7 +96,8 @@ def seal(manifest: dict[str, Any]) -> str:
     return sha256_text(canonical_json({k: v for k, v in manifest.items() if k != "seal"}))
 
 
-def _damaged(folder: Path, what: str) -> ArtifactError:
+def damaged(folder: Path, what: str) -> ArtifactError:
+    """The error for a damaged artifact: what is wrong, and how to get it back."""
     stage = folder.name.rsplit("-", 1)[0]
     if folder.is_relative_to(paths.ROOT):
         folder = folder.relative_to(paths.ROOT)
@@ -118,15 +119,18 @@ def read_manifest(folder: Path, name: str = "") -> dict[str, Any]:
     """
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        sealed, key, expected = manifest["seal"], manifest["key"], recipe_key(manifest)
+        sealed, key, expected = manifest["seal"], str(manifest["key"]), recipe_key(manifest)
+        lacking = sorted({"files", "digest", "code", "notice"} - set(manifest))
     except FileNotFoundError:
-        raise _damaged(folder, f"{MANIFEST} is missing") from None
+        raise damaged(folder, f"{MANIFEST} is missing") from None
     except (OSError, ValueError, KeyError, TypeError):
-        raise _damaged(folder, f"{MANIFEST} cannot be read") from None
+        raise damaged(folder, f"{MANIFEST} cannot be read") from None
     if sealed != seal(manifest):
-        raise _damaged(folder, f"{MANIFEST} was edited")
+        raise damaged(folder, f"{MANIFEST} was edited")
+    if lacking:
+        raise damaged(folder, f"{MANIFEST} lacks {', '.join(lacking)}")
     if key != expected or (name or folder.name) != f"{manifest['stage']}-{key[:12]}":
-        raise _damaged(folder, f"{MANIFEST} belongs to {manifest['stage']}-{key[:12]}")
+        raise damaged(folder, f"{MANIFEST} belongs to {manifest['stage']}-{key[:12]}")
     return manifest
 
 
@@ -140,15 +144,15 @@ def check_files(folder: Path, manifest: dict[str, Any]) -> None:
     for name, facts in expected.items():
         path = folder / name
         if not path.is_file():
-            raise _damaged(folder, f"{name} is missing")
+            raise damaged(folder, f"{name} is missing")
         size = path.stat().st_size
         if size != facts["bytes"]:
-            raise _damaged(folder, f"{name} has {size} bytes, expected {facts['bytes']}")
+            raise damaged(folder, f"{name} has {size} bytes, expected {facts['bytes']}")
         if sha256_file(path) != facts["sha256"]:
-            raise _damaged(folder, f"{name} has another SHA-256 than when it was written")
+            raise damaged(folder, f"{name} has another SHA-256 than when it was written")
     extra = sorted(set(list_files(folder)) - set(expected))
     if extra:
-        raise _damaged(folder, f"{extra[0]} is not in {MANIFEST}")
+        raise damaged(folder, f"{extra[0]} is not in {MANIFEST}")
 
 
 def code_notice(manifest: dict[str, Any]) -> tuple[str, ...]:

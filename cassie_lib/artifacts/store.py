@@ -18,6 +18,7 @@ from cassie_lib.artifacts.manifest import (
     check_files,
     code_notice,
     content_digest,
+    damaged,
     list_files,
     read_manifest,
     seal,
@@ -91,6 +92,8 @@ def _find(stage: str, key: str, since: float, upstream: tuple[Artifact, ...]) ->
     for place in (paths.CACHE, paths.DATA):
         folder = place / f"{stage}-{key[:12]}"
         if not folder.is_dir():
+            if folder.exists() and not since:
+                raise damaged(folder, "it is a file, expected a folder")
             continue
         # Asked to compute anew: an old result is passed over, damaged or not.
         if since and not _finished_after(folder, since):
@@ -176,6 +179,10 @@ def _open_sessions(work: Path, code: dict[str, str], fresh_code: bool) -> dict[s
         past = json.loads(note.read_text(encoding="utf-8"))
         # A session that was killed lasted until its last write.
         last = max(path.stat().st_mtime for path in work.rglob("*") if path.is_file())
+        past = [
+            {"start": float(p["start"]), "seconds": float(p["seconds"]), "code": dict(p["code"])}
+            for p in past
+        ]
         if past:
             past[-1]["seconds"] = max(0.0, last - past[-1]["start"])
     except (OSError, ValueError, KeyError, TypeError):
@@ -201,8 +208,10 @@ def _move_into_place(work: Path, final: Path) -> None:
     shutil.rmtree(work / WORK, ignore_errors=True)
     replaced = final.with_name(f"{final.name}.replaced.partial")
     shutil.rmtree(replaced, ignore_errors=True)
-    if final.exists():
+    if final.is_dir():
         final.rename(replaced)
+    else:
+        final.unlink(missing_ok=True)
     work.rename(final)
     shutil.rmtree(replaced, ignore_errors=True)
 

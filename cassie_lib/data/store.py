@@ -12,7 +12,14 @@ import numpy as np
 from cassie_lib.data.episodes import CUT, FALL, Episodes
 from cassie_lib.data.fields import FIELDS, schema_card
 from cassie_lib.errors import DataError, SchemaError
-from cassie_lib.files import canonical_json, replacing, sha256_file, sha256_text, write_json
+from cassie_lib.files import (
+    UNREADABLE,
+    canonical_json,
+    replacing,
+    sha256_file,
+    sha256_text,
+    write_json,
+)
 from cassie_lib.robot.schema import CONTROL_PERIOD_S
 
 CARD = "card.json"
@@ -101,6 +108,9 @@ def read_card(folder: Path) -> dict[str, Any]:
         raise DataError(f"{folder.name}/{CARD} does not match its seal: it was edited or cut")
     if card.get("format") != FORMAT:
         raise DataError(f"{folder.name} has format {card.get('format')}: expected {FORMAT}")
+    missing = {"protocol", "counts", "fields", "schema"} - set(card)
+    if missing:
+        raise DataError(f"{folder.name}/{CARD} lacks {', '.join(sorted(missing))}")
     return card
 
 
@@ -113,7 +123,9 @@ def _open_field(folder: Path, item: Any, facts: Mapping[str, Any]) -> np.ndarray
         raise DataError(f"{place} does not match the SHA-256 of {CARD}: it was cut or edited")
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError) as error:
+        if not isinstance(values, np.ndarray):
+            raise ValueError("it is an archive")
+    except UNREADABLE as error:
         reason = str(error).splitlines()[0]
         raise DataError(f"{place} cannot be read: expected an .npy file ({reason})") from None
     if values.dtype.str != item.dtype or values.shape[1:] != item.shape:

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 from typing import Any, cast
 
+import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
@@ -17,8 +18,14 @@ from cassie_lib.dynamics.checkpoint import tensor_digest
 from cassie_lib.dynamics.mlp import MLPModel
 from cassie_lib.dynamics.model import DynamicsModel
 from cassie_lib.dynamics.transformer import TransformerModel
-from cassie_lib.errors import ArtifactError, CheckpointError, SchemaError, unknown_name
-from cassie_lib.files import replacing, write_json
+from cassie_lib.errors import (
+    ArtifactError,
+    CheckpointError,
+    NonFiniteError,
+    SchemaError,
+    unknown_name,
+)
+from cassie_lib.files import UNREADABLE, replacing, write_json
 from cassie_lib.presets import CausalParameters, MLPParameters, TransformerParameters
 from cassie_lib.robot import schema
 
@@ -73,11 +80,13 @@ def read_card(folder: Path) -> dict[str, Any]:
         ArtifactError: If the folder or the card is missing or not JSON.
     """
     try:
-        card = json.loads((folder / CARD).read_text())
+        card = json.loads((folder / CARD).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise ArtifactError(f"{folder.name}/{CARD} is missing: expected a stored model") from error
-    except json.JSONDecodeError as error:
+    except UNREADABLE as error:
         raise ArtifactError(f"{folder.name}/{CARD} is not JSON: {error}") from error
+    if not isinstance(card, dict):
+        raise ArtifactError(f"{folder.name}/{CARD} is a {type(card).__name__}: expected a card")
     missing = {"kind", "parameters", "schema", "normalisation", "weights"} - set(card)
     if missing:
         raise ArtifactError(f"{folder.name}/{CARD} lacks {', '.join(sorted(missing))}")
@@ -95,10 +104,11 @@ def load_model(folder: Path, kind: str | None = None) -> DynamicsModel:
         ArtifactError: If a file is missing.
         CheckpointError: If the weights are damaged or of another architecture than the card says.
         SchemaError: If they were made for another state schema or normalisation.
+        NonFiniteError: If a weight is NaN or infinite.
         UnknownNameError: If the card names an unknown kind.
     """
     card = read_card(folder)
-    if card["kind"] not in KINDS:
+    if card["kind"] not in list(KINDS):
         raise unknown_name("model kind", card["kind"], KINDS)
     if kind is not None and card["kind"] != kind:
         raise CheckpointError(f"{folder.name} holds a {card['kind']} model: expected {kind}")
@@ -106,15 +116,23 @@ def load_model(folder: Path, kind: str | None = None) -> DynamicsModel:
         raise SchemaError(f"{folder.name} was made for another state schema than robot/schema.py")
     model = _build(folder, card)
     tensors = _read_weights(folder / WEIGHTS)
-    shapes = {name: value.shape for name, value in model.state_dict().items()}
-    if {name: value.shape for name, value in tensors.items()} != shapes:
+    if _architecture(tensors) != _architecture(model.state_dict()):
         raise CheckpointError(f"{folder.name}/{WEIGHTS} has another architecture than its card")
     if tensor_digest(tensors) != card["weights"]:
         raise CheckpointError(f"{folder.name}/{WEIGHTS} does not match the SHA-256 of its card")
     model.load_state_dict(tensors)
     if model.normalisation.digest() != card["normalisation"]:
         raise SchemaError(f"{folder.name} has another normalisation than its card says")
+    for name, value in tensors.items():
+        if not bool(torch.isfinite(value).all()):
+            raise NonFiniteError(
+                f"{folder.name}/{WEIGHTS} holds NaN or infinity in {name}: expected finite weights"
+            )
     return model.eval().requires_grad_(False)
+
+
+def _architecture(tensors: dict[str, Tensor]) -> dict[str, tuple]:
+    return {name: (value.dtype, tuple(value.shape)) for name, value in tensors.items()}
 
 
 def _read_weights(path: Path) -> dict[str, Tensor]:
@@ -134,14 +152,15 @@ def load_causal(folder: Path) -> CausalModel:
 
 def _build(folder: Path, card: dict[str, Any]) -> nn.Module:
     constructor, parameters = KINDS[card["kind"]]
-    values = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in card["parameters"].items()
-    }
     try:
+        values = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in card["parameters"].items()
+        }
         return constructor(parameters(**values))
-    except TypeError as error:
-        raise CheckpointError(f"{folder.name}/{CARD} has unknown parameters: {error}") from error
+    except (TypeError, ValueError, AttributeError, RuntimeError, AssertionError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise CheckpointError(f"{folder.name}/{CARD} has unknown parameters: {reason}") from error
 
 
 __all__ = ["load_model", "read_card", "save_model", "schema_digest"]

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 
-from cassie_lib.errors import ArtifactError
-from cassie_lib.files import replacing
+from cassie_lib.errors import ArtifactError, ShapeError
+from cassie_lib.files import UNREADABLE, replacing
 from cassie_lib.planning.control import PlanLog, PlannerController
 from cassie_lib.recording import Recording
 from cassie_lib.reward import WEIGHTS
+from cassie_lib.robot.schema import ACTION_SIZE, STATE_SIZE
 from cassie_lib.walking import run_episodes
 
 
@@ -75,6 +74,29 @@ def save_episodes(path: Path, found: PlannedEpisodes) -> None:
         np.savez_compressed(partial, **small)
 
 
+def _check_shapes(recording: Recording, log: PlanLog) -> None:
+    count, steps = recording.actions.shape[:2]
+    long = (count, steps + 1)
+    expected = {
+        "states": (*long, STATE_SIZE),
+        "actions": (count, steps, ACTION_SIZE),
+        "qpos": (*long, 35),
+        "foot_position": (*long, 2, 3),
+        "foot_height": (*long, 2),
+        "foot_force": (*long, 2, 3),
+        "phase": long,
+        "length": (count,),
+    }
+    found = {name: getattr(recording, name) for name in expected}
+    found |= {f"term_{name}": value for name, value in recording.terms.items()}
+    found |= {"log_planned": log.planned, "log_stage_reward": log.stage_reward}
+    for name, value in found.items():
+        # The log ends where all have fallen.
+        wanted = (count, steps) if name.startswith("term") else (len(log.planned), count)
+        if value.shape != (wanted := expected.get(name, wanted)):
+            raise ShapeError(f"{name} has shape {value.shape}: expected {wanted}")
+
+
 def load_episodes(path: Path) -> PlannedEpisodes:
     """Read what :func:`save_episodes` wrote.
 
@@ -89,6 +111,8 @@ def load_episodes(path: Path) -> PlannedEpisodes:
         arrays["speed_mps"] = float(arrays["speed_mps"])
         arrays["protocol"] = str(arrays["protocol"])
         recording = Recording(terms=terms, **arrays)
-    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile, zlib.error) as error:
-        raise ArtifactError(f"{path.name} holds no planned episodes: {error}") from error
+        _check_shapes(recording, log)
+    except UNREADABLE as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ArtifactError(f"{path.name} holds no planned episodes: {reason}") from error
     return PlannedEpisodes(recording, log._replace(handover_step=int(log.handover_step)))

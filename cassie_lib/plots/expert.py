@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cassie_lib.errors import DataError
 from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
 from cassie_lib.recording import Recording
 from cassie_lib.robot.model import parameters
@@ -17,17 +18,23 @@ _SMOOTHING = 10
 
 
 def read_log(path: Path) -> dict[str, np.ndarray]:
-    """A long-form training log as columns by metric, and ``step`` and ``seconds``."""
-    with open(path, newline="") as file:
-        rows = list(csv.DictReader(file))
+    """A long-form training log as columns by metric, and ``step`` and ``seconds``.
+
+    Raises:
+        DataError: If it is no training log.
+    """
     columns: dict[str, list[float]] = {}
-    for row in rows:
-        columns.setdefault(row["metric"], []).append(float(row["value"]))
-    first = rows[0]["metric"]
-    found = {name: np.array(values) for name, values in columns.items()}
-    for key in ("step", "seconds"):
-        found[key] = np.array([float(row[key]) for row in rows if row["metric"] == first])
-    return found
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        for row in rows:
+            columns.setdefault(row["metric"], []).append(float(row["value"]))
+        first = rows[0]["metric"]
+        for key in ("step", "seconds"):
+            columns[key] = [float(row[key]) for row in rows if row["metric"] == first]
+    except (OSError, KeyError, IndexError, TypeError, ValueError):
+        raise DataError(f"{path.name} cannot be read: expected a training log") from None
+    return {name: np.array(values) for name, values in columns.items()}
 
 
 def _smooth(values: np.ndarray) -> np.ndarray:
@@ -107,7 +114,7 @@ def plot_foot_heights(recordings: dict[str, Recording], steps: slice, episode: i
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(2, len(recordings), figsize=(COLUMN_WIDTH_IN, 3.6), sharex=True,
-                                sharey="row")  # fmt: skip
+                                sharey="row", squeeze=False)  # fmt: skip
     data = {}
     for (top, bottom), (label, recording) in zip(axes.T, recordings.items(), strict=True):
         time = CONTROL_PERIOD_S * np.arange(*steps.indices(recording.actions.shape[1]))

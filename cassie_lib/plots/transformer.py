@@ -48,6 +48,8 @@ def read_log(path: Path) -> dict[str, Curve]:
             for row in csv.DictReader(file):
                 values = (int(row["epoch"]) + 1, float(row["seconds"]) / 60, float(row["value"]))
                 found.setdefault(row["metric"], []).append(values)
+        if not found:
+            raise ValueError("no row")
     except (OSError, KeyError, TypeError, ValueError):
         raise DataError(f"{path.name} cannot be read: expected a training log") from None
     return {name: Curve(*np.array(rows).T) for name, rows in found.items()}

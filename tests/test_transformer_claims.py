@@ -1,0 +1,145 @@
+"""Claims of notebook 05: each verdict follows from the numbers, met or missed."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cassie_lib import paths, presets
+from cassie_lib import transformer_claims as claims
+from cassie_lib.dynamics.evaluation import OpenLoop
+from cassie_lib.plots.transformer import CAUSAL_LABEL, THESIS_LABEL, Curve
+from cassie_lib.provenance import CHANGED
+
+PRESET = presets.get_preset("laptop")
+ARTIFACT = SimpleNamespace(wall_time_s=120.0)
+
+
+@pytest.fixture(autouse=True)
+def folders(tmp_path, monkeypatch):
+    for name in ("CACHE", "FIGURES"):
+        monkeypatch.setattr(paths, name, tmp_path / name.lower())
+    monkeypatch.delenv(CHANGED, raising=False)
+
+
+def stored():
+    found = json.loads((paths.FIGURES / "results.json").read_text())
+    return {record["id"]: record for record in found}
+
+
+def make_log(ends, horizon=(1, 1, 1, 2, 2, 3, 3, 3, 3)):
+    """Log with first and last loss of each set."""
+    count = len(horizon)
+    log = {"horizon": Curve(np.arange(count) + 1.0, np.arange(count), np.array(horizon, float))}
+    for name, (first, last) in ends.items():
+        log[f"{name}/state_prediction_raw"] = Curve(np.arange(2), np.arange(2),
+                                                    np.array([first, last]))  # fmt: skip
+    return log
+
+
+AS_THESIS = {"train": (1.0, 0.18), "validation": (1.0, 0.16), "test": (2.0, 0.13)}
+
+
+def test_training_as_in_the_thesis_is_reproduced():
+    log = make_log(AS_THESIS)
+    records = claims.record_training(PRESET, log, ARTIFACT)
+    assert [record["verdict"] for record in records] == ["reproduced"] * 3
+    found = stored()
+    assert found["05-loss-falls"]["value"] == pytest.approx(0.13 / 2.0)
+    assert found["05-loss-order"]["value"] == pytest.approx(0.13 / 0.18)
+    assert found["05-loss-order"]["thesis_value"] == pytest.approx(0.0013 / 0.0018)
+    assert found["05-loss-order"]["reason"] == "test < validation < train"
+    assert found["05-first-increment"]["value"] == 3.0
+    assert found["05-first-increment"]["reason"].endswith("3, 2, 4")
+    for record in found.values():
+        assert "9 epochs, 3 predicted steps" in record["protocol"]
+        assert (record["seeds"], record["interval"]) == (1, None)
+        assert record["wall_time_s"] == 120.0
+
+
+@pytest.mark.parametrize(
+    ("ends", "horizon", "missed"),
+    [
+        # One set that rises is enough.
+        ({**AS_THESIS, "validation": (0.15, 0.16)}, (1, 1, 2), {"05-loss-falls"}),
+        ({**AS_THESIS, "test": (2.0, 0.17)}, (1, 1, 2), {"05-loss-order"}),
+        ({**AS_THESIS, "test": (2.0, 0.16)}, (1, 1, 2), {"05-loss-order"}),
+        (AS_THESIS, (1, 2, 2, 3), {"05-first-increment"}),
+        # A horizon that never grew has no increment that could take the most epochs.
+        (AS_THESIS, (1, 1, 1), {"05-first-increment"}),
+    ],
+)
+def test_what_does_not_hold_is_not_reproduced(ends, horizon, missed):
+    records = claims.record_training(PRESET, make_log(ends, horizon), ARTIFACT)
+    assert {r["id"] for r in records if r["verdict"] == "not reproduced"} == missed
+
+
+def test_unfinished_last_step_is_no_waiting_time():
+    # The last number of predicted steps lasted longest, but nothing came after it.
+    log = make_log(AS_THESIS, (1, 1, 2, 3, 3, 3, 3, 3))
+    assert claims.epochs_per_step(log).tolist() == [2, 1, 5]
+    records = claims.record_training(PRESET, log, ARTIFACT)
+    assert records[2]["verdict"] == "reproduced"
+
+
+def errors(relative):
+    """Errors whose relative error at step k is ``relative[k - 1]``, of a variance of 4."""
+    relative = np.asarray(relative)
+    model = np.repeat(4.0 * relative[:, None], 46, axis=1)
+    ones = np.full(46, 4.0)
+    return OpenLoop(model, 10 * model, model, model, ones, ones, 77)
+
+
+@pytest.mark.parametrize(("first", "last", "words"), [
+    (0.0019, 0.0061, ("met", "missed")), (0.0021, 0.0059, ("missed", "met")),
+])  # fmt: skip
+def test_accuracy_is_recorded_beside_its_targets(first, last, words):
+    causal = errors(np.linspace(first, last, 10))
+    claims.record_accuracy(
+        PRESET, {THESIS_LABEL: errors(np.full(10, 0.5)), CAUSAL_LABEL: causal}, ARTIFACT
+    )
+    found = stored()
+    for step, value, word in ((1, first, words[0]), (10, last, words[1])):
+        record = found[f"05-relative-step-{step}"]
+        assert record["value"] == pytest.approx(value)
+        assert record["reason"].startswith(f"target {claims.TARGETS[step]:g} {word};")
+        assert "thesis architecture 0.5" in record["reason"]
+        assert f"no change {10 * value:.2g}" in record["reason"]
+        assert record["verdict"] == "not comparable", "the thesis reports no such number"
+        assert "77 windows" in record["protocol"]
+
+
+def rows(*losses):
+    return [{"changed": changed, "one_step_loss": loss} for changed, loss in losses]
+
+
+@pytest.mark.parametrize(
+    ("best", "verdict"), [(0.9, "not reproduced"), (1.0, "reproduced"), (1.3, "reproduced")]
+)
+def test_grid_compares_the_best_point_with_every_seed_of_the_choice(best, verdict):
+    table = rows(("", 1.0), ("", 1.1), ("", 1.5), ("dropout 0.2", 1.9), ("context 50", best))
+    artifacts = [SimpleNamespace(wall_time_s=10.0)] * 5
+    (record,) = claims.record_grid(PRESET, table, artifacts)
+    assert record == stored()["05-grid"]
+    assert record["value"] == pytest.approx(best / 1.1)
+    assert (record["verdict"], record["seeds"]) == (verdict, 3)
+    assert record["reason"] == "best: context 50"
+    assert record["wall_time_s"] == 50.0
+    assert record["protocol"].startswith("5 trainings near the choice")
+
+
+@pytest.mark.parametrize("table", [[], rows(("", 1.0)), rows(("context 50", 1.0))])
+def test_a_grid_without_both_sides_claims_nothing(table):
+    assert claims.record_grid(PRESET, table, []) == []
+    assert not paths.FIGURES.exists()
+
+
+def test_lines_name_thesis_and_both_models():
+    causal = make_log({name: (1.0, 0.011) for name in AS_THESIS})
+    text = claims.losses_beside_the_thesis(make_log(AS_THESIS), causal).splitlines()
+    assert text[0] == (f"train: thesis 0.0018, here 0.18 ({THESIS_LABEL}), 0.011 ({CAUSAL_LABEL})")
+    assert len(text) == 4
+    assert "epochs per predicted step: 3, 2, 4" in text[3]

@@ -156,7 +156,7 @@ def plot_ghosts(motions: Mapping[str, Imagined], count: int = 5) -> Drawn:
             axes.grid(visible=False)
             centimetres = 100 * found.pelvis_distance_m[step]
             axes.set_xlabel(f"pelvis {centimetres:.1f} cm off", fontsize=6)
-            if row is panels[0]:
+            if row[0] is panels[0, 0]:
                 axes.set_title(f"{CONTROL_PERIOD_S * step:.2f} s", fontsize=7.5)
         row[0].set_ylabel(label, fontsize=7)
         time = CONTROL_PERIOD_S * np.arange(len(found.qpos))

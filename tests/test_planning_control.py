@@ -20,6 +20,7 @@ from planning_toys import (
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ParameterError
 from cassie_lib.expert.policy import ExpertPolicy
+from cassie_lib.planning.candidates import Scorer
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.control import PlannerController, realised_return
 from cassie_lib.planning.gradient_cem import GradientCEM
@@ -71,8 +72,9 @@ def drive(controller, steps, count=2, height=1.0, seed=0):
     for step in range(steps):
         phase = np.full(count, (14 + step) % 28)
         state[:, 46:48] = torch.as_tensor(clock(phase), dtype=torch.float32)
-        seen = Seen(state.numpy().copy(), np.full((count, 68), step), phase, np.zeros((count, 3)),
-                    step)
+        seen = Seen(
+            state.numpy().copy(), np.full((count, 68), step), phase, np.zeros((count, 3)), step
+        )
         action = torch.as_tensor(controller.act(seen), dtype=torch.float32)
         states.append(state.clone())
         actions.append(action)
@@ -196,8 +198,21 @@ def test_critic_continues_its_memory_along_the_candidate():
 def test_terminal_value_has_gradients_after_use_in_inference_mode():
     value = CriticValue(ExpertPolicy(hidden_size=8, layers=1).eval())
     parameters = gradient_parameters(iterations=1, gradient_iterations=2)
-    planner = GradientCEM(
-        Objective(DoubleIntegrator(), quadratic_reward, 0.9, value), parameters
-    )
+    planner = GradientCEM(Objective(DoubleIntegrator(), quadratic_reward, 0.9, value), parameters)
     plan = planner.plan(history(), [0], [0.0])
     assert torch.isfinite(plan.actions).all()
+
+
+def test_scorer_gives_the_best_of_all_that_it_has_scored_as_a_plan():
+    objective = Objective(DoubleIntegrator(), quadratic_reward, 0.9)
+    start = history(2)
+    scorer = Scorer(objective, start, torch.zeros(2, dtype=torch.long), torch.zeros(2))
+    with pytest.raises(ParameterError, match="no candidates"):
+        scorer.plan()
+    drawn = 0.1 * torch.randn(2, 12, 4, 10, generator=torch.Generator().manual_seed(0))
+    values = torch.cat([scorer(part).value for part in drawn.split(5, dim=1)], dim=1)
+    plan = scorer.plan()
+    assert torch.equal(plan.imagined_return, values.amax(dim=1))
+    assert torch.equal(plan.actions, drawn[torch.arange(2), values.argmax(dim=1)])
+    assert plan.rollouts == 12
+    assert torch.equal(plan.states, objective.model.predict(start, plan.actions[:, None])[:, 0])

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import torch
 
-from cassie_lib.errors import NonFiniteError
+from cassie_lib.errors import NonFiniteError, ParameterError
 from cassie_lib.planning.objective import Objective
+from cassie_lib.planning.planner import Plan
 
 
 class Candidates(NamedTuple):
@@ -54,6 +55,19 @@ class Scorer:
             self.non_finite = self.non_finite + (~score.finite).sum(dim=1)
             self._keep(Candidates(actions.detach(), score.value.detach(), score.states.detach()))
         return Candidates(actions, score.value, score.states)
+
+    def plan(self) -> Plan:
+        """The best sequence scored so far, as a plan of one sampling round.
+
+        Raises:
+            ParameterError: If nothing has been scored yet.
+        """
+        if self.best is None:
+            raise ParameterError("no candidates have been scored: expected some before the plan")
+        actions, value, states = self.best
+        return Plan(
+            actions[:, 0], value[:, 0], self.non_finite, self.rollouts, value.T, states[:, 0]
+        )
 
     def _keep(self, candidates: Candidates) -> None:
         best = candidates.top(1)

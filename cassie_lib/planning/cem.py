@@ -8,7 +8,6 @@ refits mean and covariance; one last round draws N more and executes the best (A
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,6 +15,7 @@ import torch
 from cassie_lib.errors import NonFiniteError, ParameterError, ShapeError, unknown_name
 from cassie_lib.planning.candidates import Candidates, Scorer
 from cassie_lib.planning.objective import Objective
+from cassie_lib.planning.planner import Plan
 from cassie_lib.planning.sampling import initial_distribution, refit, sample, shift
 from cassie_lib.presets import CEMParameters
 from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
@@ -23,27 +23,6 @@ from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
 MEANS = ("zero", "warm", "expert")
 COVARIANCES = ("diagonal", "full")
 FILLS = ("repeat", "zero")
-
-
-class Plan(NamedTuple):
-    """Result of planning for E episodes.
-
-    Attributes:
-        actions: ``(E, T, 10)`` rad; the first one is executed.
-        imagined_return: ``(E,)`` Eq 3.11 of that sequence on the dynamics model, without the
-            terminal value.
-        non_finite: ``(E,)`` candidates whose prediction was not finite.
-        rollouts: Candidates rolled out per episode, with and without gradients.
-        best_by_round: ``(R, E)`` best return of each sampling round, the last one included.
-        states: ``(E, T, 49)`` predicted states of the chosen sequence.
-    """
-
-    actions: torch.Tensor
-    imagined_return: torch.Tensor
-    non_finite: torch.Tensor
-    rollouts: int
-    best_by_round: torch.Tensor
-    states: torch.Tensor
 
 
 def check_parameters(parameters: CEMParameters) -> None:
@@ -97,6 +76,11 @@ class CEM:
         self.reset([0])
         shape = (1, parameters.horizon, ACTION_SIZE)
         initial_distribution(torch.zeros(shape), parameters.variance)
+
+    @property
+    def horizon(self) -> int:
+        """T, control steps of a plan."""
+        return self.parameters.horizon
 
     def reset(self, seeds: Sequence[int]) -> None:
         """Start episodes: one generator per seed, nothing remembered from earlier plans."""

@@ -16,7 +16,7 @@ import torch
 
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ParameterError
-from cassie_lib.planning.cem import CEM
+from cassie_lib.planning.planner import Planner
 from cassie_lib.planning.threads import one_torch_thread
 from cassie_lib.robot.schema import ACTION_SIZE, PELVIS_HEIGHT
 from cassie_lib.simulator import UPRIGHT_M
@@ -97,7 +97,7 @@ class PlannerController:
     Robots that have fallen get zero actions and are no longer planned for.
 
     Args:
-        planner: :class:`cassie_lib.planning.cem.CEM` or Gradient-CEM.
+        planner: CEM, Gradient-CEM or another :class:`~cassie_lib.planning.planner.Planner`.
         expert: Controller that drives until the hand-over; ``None`` pads the context instead.
         handover_step: First control step of the planner; default H, at least H - 1.
 
@@ -106,7 +106,7 @@ class PlannerController:
             an expert.
     """
 
-    def __init__(self, planner: CEM, expert=None, handover_step: int | None = None):
+    def __init__(self, planner: Planner, expert=None, handover_step: int | None = None):
         context = planner.objective.model.context
         if expert is None and handover_step not in (None, 0):
             raise ParameterError(f"handover_step is {handover_step}: expected 0 without an expert")
@@ -167,7 +167,7 @@ class PlannerController:
         columns = {
             name: np.array([getattr(row, name) for row in self._rows]) for name in _Row._fields
         }
-        horizon = self.planner.parameters.horizon
+        horizon = self.planner.horizon
         realised = realised_return(
             columns["stage_reward"], horizon, self.planner.objective.discount
         )
@@ -177,12 +177,9 @@ class PlannerController:
     def _plan(self, observation, driven, actions, row: _Row) -> tuple[np.ndarray, _Row]:
         start = time.perf_counter()
         with one_torch_thread():
-            plan = self.planner.plan(
-                self._context.history(observation, driven),
-                np.asarray(observation.phase)[driven],
-                np.asarray(observation.pelvis_position)[driven, 1],
-                episodes=driven,
-            )
+            history = self._context.history(observation, driven)
+            lateral_m = torch.as_tensor(np.asarray(observation.pelvis_position)[driven, 1])
+            plan = self.planner.plan(history, history.phase, lateral_m.float(), episodes=driven)
         row = row._replace(plan_time_s=time.perf_counter() - start)
         actions[driven] = plan.actions[:, 0].double().numpy()
         row.planned[driven] = True

@@ -27,6 +27,8 @@ class MixedController(PlannerController):
         ParameterError: If n is out of range.
     """
 
+    planner: CEM
+
     def __init__(self, planner: CEM, expert, planner_steps: int, cycle_steps: int = 27):
         if not 1 <= planner_steps <= cycle_steps:
             raise ParameterError(

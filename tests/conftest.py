@@ -20,3 +20,68 @@ def artifact_folders(tmp_path, monkeypatch):
     for name in (recompute.REQUEST, recompute.SINCE, store.USED):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(recompute, "_process_since", [])
+
+
+@pytest.fixture(scope="session")
+def stage_folder(tmp_path_factory):
+    """Where stages that several tests look at are computed once."""
+    return tmp_path_factory.mktemp("stages")
+
+
+@pytest.fixture
+def stages(stage_folder, artifact_folders, monkeypatch):
+    """A preset that takes seconds, with a store that outlives the test."""
+    from cassie_lib import paths
+    from cassie_lib.presets import get_preset, replace
+
+    monkeypatch.setattr(paths, "CACHE", stage_folder)
+    smoke = get_preset("smoke")
+    return replace(
+        smoke,
+        simulation=replace(smoke.simulation, timestep_s=0.002),
+        expert=replace(smoke.expert, total_steps=112, refinement_steps=0),
+        reward_only_expert=replace(smoke.reward_only_expert, total_steps=112),
+        evaluation=replace(smoke.evaluation, cem_steps=40, planner_steps=30, short_steps=20,
+                           oracle_steps=12, oracle_gradient_steps=9),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def offline_run(tmp_path_factory):
+    """Folder of a repository whose one notebook ran every stage, small, without any network."""
+    from no_network import run_offline
+
+    return run_offline(tmp_path_factory.mktemp("offline"))
+
+
+@pytest.fixture(scope="session")
+def artifact_names(offline_run):
+    """Folder name of the artifact of each stage."""
+    from pipeline_toys import ARTIFACTS
+
+    from cassie_lib import paths
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(paths, "CACHE", offline_run.cache)
+        patched.setattr(paths, "DATA", offline_run.cache / "none")
+        return {kind: artifact().name for kind, artifact in ARTIFACTS.items()}
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """What every computation raises instead of being done."""
+    from damage_toys import refuse_to_compute
+
+    return refuse_to_compute(monkeypatch)
+
+
+@pytest.fixture
+def stored(offline_run, artifact_names, artifact_folders, computed):
+    """Folders of a copy of the artifact of each stage, which may be damaged."""
+    import shutil
+
+    from cassie_lib import paths
+
+    keep = shutil.ignore_patterns("batch", "locks", "smoke-*", "running")
+    shutil.copytree(offline_run.cache, paths.CACHE, ignore=keep)
+    return {kind: paths.CACHE / name for kind, name in artifact_names.items()}

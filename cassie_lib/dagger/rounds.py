@@ -21,9 +21,9 @@ from cassie_lib.dynamics.evaluation import open_loop
 from cassie_lib.dynamics.store import load_causal, save_model
 from cassie_lib.dynamics.train_causal import train_causal
 from cassie_lib.dynamics.windows import Transitions, concatenate
-from cassie_lib.errors import ParameterError
+from cassie_lib.errors import ArtifactError, ParameterError
 from cassie_lib.expert.policy import Expert
-from cassie_lib.files import write_json
+from cassie_lib.files import UNREADABLE, write_json
 from cassie_lib.planning.assemble import make_planner
 from cassie_lib.planning.mixed import MixedController
 from cassie_lib.presets import (
@@ -223,7 +223,21 @@ def _report(folder, index, old, new, expert_test, planner_test, horizon) -> dict
 
 
 def _open(artifact: Artifact, index: int, planner_steps: int, parameters) -> Round:
-    report = json.loads(artifact.file(REPORT).read_text())
+    report = _read_report(artifact.file(REPORT))
     parts = _split(artifact.path, index, parameters)
     model = load_causal(artifact.path / MODEL)
     return Round(index, planner_steps, model, *parts, report, artifact)
+
+
+def _read_report(path: Path) -> dict[str, Any]:
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+        lacking = {"counts", "relative_error"} - set(report)
+    except UNREADABLE:
+        lacking = {"everything"}
+    if lacking:
+        raise ArtifactError(
+            f"{path.parent.name}/{path.name} lacks {', '.join(sorted(lacking))}: expected the "
+            "report of a round"
+        )
+    return report

@@ -109,7 +109,7 @@ def load_model(folder: Path, kind: str | None = None) -> DynamicsModel:
     """
     card = read_card(folder)
     if card["kind"] not in list(KINDS):
-        raise unknown_name("model kind", card["kind"], KINDS)
+        raise unknown_name(f"model kind in {folder.name}/{CARD}", card["kind"], KINDS)
     if kind is not None and card["kind"] != kind:
         raise CheckpointError(f"{folder.name} holds a {card['kind']} model: expected {kind}")
     if card["schema"] != schema_digest():

@@ -78,10 +78,8 @@ def computed(monkeypatch):
 @pytest.fixture
 def stored(offline_run, artifact_names, artifact_folders, computed):
     """Folders of a copy of the artifact of each stage, which may be damaged."""
-    import shutil
+    from damage_toys import Copies
 
     from cassie_lib import paths
 
-    keep = shutil.ignore_patterns("batch", "locks", "smoke-*", "running")
-    shutil.copytree(offline_run.cache, paths.CACHE, ignore=keep)
-    return {kind: paths.CACHE / name for kind, name in artifact_names.items()}
+    return Copies(offline_run.cache, paths.CACHE, artifact_names)

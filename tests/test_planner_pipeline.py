@@ -1,0 +1,180 @@
+"""Trials of planners and rounds as stages: on which model, for how long, stored under what."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cassie_lib import pipeline
+from cassie_lib import planner_pipeline as planners
+from cassie_lib.errors import ParameterError, UnknownNameError
+from cassie_lib.expert.trials import SPEEDS_MPS, run_trials
+from cassie_lib.planning.cem import MEANS
+from cassie_lib.planning.evaluate import Protocol, evaluate, run_protocol
+from cassie_lib.planning.oracle import OracleModel
+from cassie_lib.presets import get_preset, replace
+from cassie_lib.walking import run_episodes
+
+
+@pytest.fixture
+def asked(stages, monkeypatch):
+    """Notes what trials ask for instead of running them."""
+    found = []
+
+    def note(stage, protocol, model, parameters, expert, **sources):
+        del expert
+        found.append(SimpleNamespace(stage=stage, protocol=protocol, model=model,
+                                     parameters=parameters, **sources))  # fmt: skip
+        return "episodes", "artifact"
+
+    monkeypatch.setattr(planners, "evaluate", note)
+    return found
+
+
+def test_a_trial_runs_the_planner_on_the_stored_model_once(stages):
+    trial = planners.planner_trial(stages, "cem")
+    recording, log = trial.episodes
+    assert recording.actions.shape == (2, 40, 10)
+    assert log.handover_step == stages.causal.context
+    for planned, length in zip(log.planned.T, recording.length, strict=True):
+        driven = np.arange(len(planned)) >= log.handover_step
+        np.testing.assert_array_equal(planned[: length + 1], driven[: length + 1])
+    sources = [pipeline.expert_artifact(stages), pipeline.causal_artifact(stages)]
+    assert trial.artifact.manifest["upstream"] == [item.identity for item in sources]
+    again = planners.planner_trial(stages, "cem")
+    assert again.artifact.from_cache
+    np.testing.assert_array_equal(again.episodes.recording.length, recording.length)
+    other = planners.planner_trial(stages, "cem", seed=5)
+    assert other.artifact.key != trial.artifact.key
+
+
+def test_baselines_are_the_rewards_of_walking_and_of_standing(stages):
+    found = planners.baselines(stages)
+    assert list(found) == ["pi*", "standing still"]
+    recording = run_episodes(pipeline.expert(stages), episodes=2, steps=20,
+                             speed_mps=stages.simulation.speed_mps, timestep_s=0.002)  # fmt: skip
+    assert found["pi*"] == pytest.approx(np.nanmean(recording.reward))
+    assert planners.baselines_artifact(stages).from_cache
+
+
+def test_unknown_planner_is_named(stages):
+    for make in (planners.planner_parameters, planners.planner_trial, planners.oracle_trial):
+        with pytest.raises(UnknownNameError, match="unknown planner 'mppi': expected one of cem"):
+            make(stages, "mppi")
+
+
+@pytest.mark.parametrize(("planner", "steps"), [("cem", 40), ("gradient_cem", 30)])
+def test_each_planner_has_its_own_length(planner, steps, stages, asked):
+    planners.planner_trial(stages, planner)
+    planners.planner_trial(stages, planner, steps=12, push_Ns=30.0)
+    whole, short = asked
+    assert (whole.stage, whole.protocol.steps, whole.protocol.episodes) == (planner, steps, 2)
+    assert whole.protocol.timestep_s == stages.simulation.timestep_s
+    assert (short.protocol.steps, short.protocol.push_Ns) == (12, 30.0)
+    assert whole.parameters == getattr(stages, planner)
+
+
+def test_other_means_get_shorter_trials_than_the_own_one(stages, asked):
+    planners.mean_trials(stages, "cem")
+    lengths = {item.parameters.mean: item.protocol.steps for item in asked}
+    # Own mean: the whole trial, which begins with the same steps.
+    assert lengths == {"zero": 60, "warm": 40}
+    asked.clear()
+    planners.mean_trials(replace(stages, name="laptop"), "cem")
+    assert [item.parameters.mean for item in asked] == list(MEANS), "an expert that walks"
+
+
+def test_parts_of_the_reward_are_added_one_by_one(stages, asked):
+    planners.reward_trials(stages, "gradient_cem")
+    bare, critic, own = (item.parameters for item in asked)
+    for item in (bare, critic):
+        assert (item.gait_weight, item.foot_weight) == (0.0, 0.0)
+    assert (bare.terminal_value, critic.terminal_value) == (False, True)
+    assert own == stages.gradient_cem
+    assert [item.protocol.steps for item in asked] == [60, 60, 30]
+
+
+def test_oracle_trials_are_smaller_and_depend_on_no_model(stages, asked):
+    for planner in planners.PLANNERS:
+        planners.oracle_trial(stages, planner)
+    cem, gradient = asked
+    assert (cem.protocol.steps, gradient.protocol.steps) == (12, 9)
+    for item in asked:
+        assert isinstance(item.model, OracleModel)
+        assert item.model.context == stages.causal.context
+        assert [source.stage for source in item.upstream] == ["expert"]
+
+
+def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, asked):
+    rounds = [SimpleNamespace(index=i, model=f"model {i}", artifact=f"round {i}") for i in (1, 2)]
+    planners.round_trials(stages, rounds)
+    before, first, last = asked
+    assert (before.stage, first.stage, last.stage) == ("gradient_cem", "dagger", "dagger")
+    assert (first.model, last.model) == ("model 1", "model 2")
+    assert last.upstream[1] == "round 2"
+    assert before.upstream[1].stage == "causal"
+    assert [item.protocol.steps for item in asked] == [30, 30, 100]
+    asked.clear()
+    planners.round_trials(stages, rounds[:1])
+    assert asked[-1].protocol.steps == 30, "the schedule is not finished"
+
+
+def test_dagger_begins_with_what_the_model_was_made_of(stages):
+    start = planners.dagger_start(stages)
+    kinds = [item.stage for item in start.artifacts]
+    assert kinds == ["expert", "causal", "data", "data", "data"]
+    for found, name in zip((*start.train, start.test), ("train", "wide", "test"), strict=True):
+        np.testing.assert_array_equal(found.states, pipeline.dataset(stages, name).states)
+
+
+def test_one_round_is_run_and_found_again(stages):
+    (found,) = planners.dagger(stages, rounds=1)
+    assert (found.index, found.planner_steps) == (1, 1)
+    assert found.report["counts"]["transitions"] == stages.dagger.transitions
+    (again,) = planners.dagger(stages, rounds=1)
+    assert again.artifact.from_cache
+    (decayed,) = planners.dagger(stages, rounds=1, decay=0.5)
+    assert decayed.artifact.key != found.artifact.key
+
+
+SMOKE = get_preset("smoke")
+
+
+def test_bad_protocols_are_refused():
+    model = OracleModel(2, 0.002)
+    with pytest.raises(UnknownNameError, match="unknown start 'cold': expected one of handover"):
+        run_protocol(Protocol(start="cold"), model, SMOKE.cem)
+    with pytest.raises(ParameterError, match="expert is None: expected one"):
+        run_protocol(Protocol(), model, SMOKE.cem)
+
+
+def test_padded_start_needs_no_expert_and_a_push_moves_the_robot(artifact_folders):
+    calm = Protocol(1, 6, "padded", timestep_s=0.002)
+    parameters = replace(SMOKE.cem, samples=4, elites=2)
+    pushed = replace(calm, push_Ns=60.0, push_step=2)
+    paths = [run_protocol(item, OracleModel(2, 0.002), parameters).recording.qpos[0, :, 1]
+             for item in (calm, pushed)]  # fmt: skip
+    np.testing.assert_array_equal(paths[0][:3], paths[1][:3])
+    assert paths[1][5] - paths[0][5] > 0.02
+    found, artifact = evaluate("cem", calm, OracleModel(2, 0.002), parameters)
+    np.testing.assert_allclose(found.recording.qpos[0, :, 1], paths[0], atol=1e-6)
+    assert found.log.handover_step == 0
+    # What the oracle simulates is part of the recipe.
+    _, other = evaluate("cem", calm, OracleModel(2, 0.001), parameters)
+    assert other.key != artifact.key
+
+
+def test_trials_of_the_expert_cover_noise_pushes_and_speeds(stages):
+    found = run_trials(pipeline.expert(stages), replace(stages.evaluation, short_steps=112), 0.002)
+    assert tuple(found.reports) == SPEEDS_MPS
+    assert "action noise 0.06" in found.noisy.protocol
+    assert "push" in found.pushed.protocol
+    assert "push" not in found.quiet.protocol
+    for speed, report in found.reports.items():
+        measure = report["mean forward"]
+        assert (measure.low, measure.high) == pytest.approx((speed - 0.05, speed + 0.05))
+    rows = {row["trial"]: row["episodes"] for row in found.rows()}
+    assert rows["no fall, no noise"] == f"{(~found.quiet.fell).sum()}/2"
+    assert len(rows) == 4 + 2 * len(SPEEDS_MPS)

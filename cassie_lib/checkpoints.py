@@ -15,8 +15,6 @@ from cassie_lib.errors import CheckpointError
 #: notice a flipped bit in a tensor.
 _HEAD = b"cassie checkpoint 1 "
 _DIGEST_SIZE = 32
-#: A checkpoint without that head, as PyTorch writes it.
-_PLAIN = b"PK"
 
 
 def save_checkpoint(path: Path, content: dict, identity: str) -> None:
@@ -68,8 +66,6 @@ def load_checkpoint(path: Path, identity: str) -> dict | None:
 
 def _whole(data: bytes) -> io.BytesIO:
     """The part that PyTorch reads, after checking it against its digest."""
-    if data.startswith(_PLAIN):
-        return io.BytesIO(data)
     start = len(_HEAD) + _DIGEST_SIZE
     if not data.startswith(_HEAD):
         raise ValueError("no checkpoint")

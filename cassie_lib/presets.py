@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 from cassie_lib.errors import unknown_name
 from cassie_lib.parameters import (
+    CONTINUATION,
     REWARD_ONLY,
     CausalParameters,
     CEMParameters,
@@ -35,6 +36,7 @@ class Preset:
     name: str
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
     expert: ExpertParameters = field(default_factory=ExpertParameters)
+    expert_continuation: ExpertParameters = field(default_factory=lambda: CONTINUATION)
     reward_only_expert: ExpertParameters = field(default_factory=lambda: REWARD_ONLY)
     data: DataParameters = field(default_factory=DataParameters)
     mlp: MLPParameters = field(default_factory=MLPParameters)
@@ -69,6 +71,16 @@ def _smoke() -> Preset:
             robots=4,
             rollout_steps=28,
             total_steps=224,
+            refinement_steps=112,
+            epochs=1,
+            minibatches=1,
+            episode_steps=56,
+        ),
+        expert_continuation=replace(
+            CONTINUATION,
+            hidden_size=16,
+            robots=4,
+            rollout_steps=28,
             refinement_steps=112,
             epochs=1,
             minibatches=1,

@@ -64,9 +64,10 @@ def test_a_folder_in_the_place_of_a_checkpoint_is_named(checkpoint):
         load_checkpoint(checkpoint, "a run")
 
 
-def test_a_checkpoint_without_digest_is_still_read(checkpoint):
+def test_a_checkpoint_without_digest_is_refused(checkpoint):
     torch.save({"identity": "a run", "content": {"steps": 3}}, checkpoint)
-    assert load_checkpoint(checkpoint, "a run") == {"steps": 3}
+    with pytest.raises(CheckpointError, match="expected a whole checkpoint"):
+        load_checkpoint(checkpoint, "a run")
 
 
 def test_no_damaged_batch_of_a_collection_is_used(tmp_path):

@@ -11,7 +11,7 @@ from cassie_lib import gait
 from cassie_lib.checkpoints import load_checkpoint, save_checkpoint
 from cassie_lib.controllers import Observation
 from cassie_lib.errors import CheckpointError, ParameterError, ShapeError, TrainingError
-from cassie_lib.expert.guidance import gait_term, velocity_term
+from cassie_lib.expert.guidance import gait_term, long_swing, velocity_term
 from cassie_lib.expert.policy import Expert, ExpertPolicy, load_expert, save_expert
 from cassie_lib.expert.ppo import RecurrentPPO
 from cassie_lib.expert.rollout import generalised_advantages
@@ -170,9 +170,12 @@ def test_stored_expert_acts_the_same_and_damage_is_found(tmp_path):
         expert.act(observation)
 
 
-@pytest.mark.parametrize("damage", ["truncate", "other size", "no card", "card"])
+@pytest.mark.parametrize("damage", ["truncate", "other size", "no card", "card", "not finite"])
 def test_unusable_expert_files(tmp_path, damage):
-    save_expert(_policy(), tmp_path, {})
+    policy = _policy()
+    if damage == "not finite":
+        policy.actor.head.bias.data[3] = float("nan")
+    save_expert(policy, tmp_path, {})
     weights, card = tmp_path / "expert.safetensors", tmp_path / "card.json"
     if damage == "truncate":
         weights.write_bytes(weights.read_bytes()[:100])
@@ -180,7 +183,7 @@ def test_unusable_expert_files(tmp_path, damage):
         card.write_text(json.dumps({"architecture": {"hidden_size": 16, "layers": 2}}))
     elif damage == "no card":
         card.unlink()
-    else:
+    elif damage == "card":
         card.write_text("{")
     with pytest.raises(CheckpointError, match="no usable expert"):
         load_expert(tmp_path)
@@ -197,6 +200,48 @@ def test_training_reward_prefers_stepping_to_standing():
     # 3.10 pays 0.99 for standing against stepping; with the term stepping wins clearly.
     assert velocity_term(np.array([[0.5, 0.0]]), np.array([0.5]))[0] == 1.0
     assert velocity_term(np.array([[0.0, 0.0]]), np.array([0.5]))[0] < 0.2
+
+
+def test_long_swing_adds_a_step_on_either_side_and_leaves_a_foot_down():
+    swing = ~gait.walk(0.5).in_contact
+    longer = long_swing(~swing)
+    assert (longer.sum(axis=0) == swing.sum(axis=0) + 2).all()
+    assert longer[swing].all()
+    assert not longer.all(axis=1).any()
+    # A hop has both feet in the air, and is not cut short.
+    hop = np.zeros((28, 2), dtype=bool)
+    hop[5:9] = True
+    assert long_swing(~hop).sum() == 2 * 4
+
+
+def test_a_push_is_forgiven_for_a_while_and_moves_the_line_of_the_walk():
+    parameters = replace(SMALL, robots=64, push_interval_steps=1, recovery_steps=10)
+    task = WalkingTask(parameters, COARSE, np.random.default_rng(0))
+    task.progress = 1.0
+    task.step(np.zeros((64, 10)))
+    pushes = task.pushes
+    assert pushes.recovering.all()
+    np.testing.assert_allclose(pushes.indulgence, 0.9)
+    np.testing.assert_array_equal(pushes.line_m, task.simulator.qpos[:, 1])
+    for step in range(2, 11):
+        before = task.simulator._push_steps.copy()
+        task.step(np.zeros((64, 10)))
+        assert (task.simulator._push_steps <= before).all(), "no push during a recovery"
+        np.testing.assert_allclose(pushes.indulgence, 1.0 - step / 10)
+    line = pushes.line_m.copy()
+    pushes.advance(task.simulator.qpos[:, 1] + 1.0)
+    np.testing.assert_array_equal(pushes.line_m, line)
+    pushes.forget(np.array([3]))
+    assert pushes.line_m[3] == 0.0
+    assert not pushes.recovering[3]
+
+
+def test_half_of_the_robots_become_quiet():
+    run = RecurrentPPO(replace(SMALL, robots=4), COARSE)
+    assert run.action_std_rad.flatten().tolist() == pytest.approx([SMALL.action_std_rad] * 4)
+    run.steps = SMALL.total_steps + SMALL.refinement_steps
+    quiet, loud = SMALL.final_action_std_rad, SMALL.loud_action_std_rad
+    assert run.action_std_rad.flatten().tolist() == pytest.approx([quiet, quiet, loud, loud])
 
 
 def test_task_ends_failed_episodes_and_starts_them_anew():

@@ -10,7 +10,7 @@ from planning_toys import DoubleIntegrator, history, quadratic_reward
 from cassie_lib.errors import ParameterError, UnknownNameError
 from cassie_lib.gait import walk
 from cassie_lib.planning.objective import Objective, integrate_lateral
-from cassie_lib.planning.stage_reward import WalkingReward
+from cassie_lib.planning.stage_reward import WalkingReward, foot_term
 from cassie_lib.reward import ReferencePose, reward
 from cassie_lib.robot.schema import PELVIS_VELOCITY
 
@@ -96,6 +96,10 @@ def test_foot_term_pays_for_lifting_the_right_foot_and_pulls_a_low_one_up():
     (gradient,) = torch.autograd.grad(stepping(leaf, phases, zero).sum(), leaf)
     assert (stepping(states, phases, zero) < expected - 0.02).all()
     assert (gradient[..., knee] < 0.0).all()
+    # A robot that keeps both feet on the floor gets nothing of the term over a cycle.
+    heights = torch.as_tensor(GAIT.foot_height_m)
+    standing = foot_term(torch.zeros(28, 2), heights, float(heights.mean()))
+    assert standing.mean().item() == pytest.approx(0.0, abs=1e-6)
     with pytest.raises(ParameterError, match="foot_weight is 0.7"):
         WalkingReward(GAIT, gait_weight=0.5, foot_weight=0.7)
 

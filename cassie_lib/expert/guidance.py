@@ -30,6 +30,23 @@ def gait_term(foot_height_m, foot_load, reference_height_m, swing) -> np.ndarray
     return (0.4 * height + 0.6 * np.where(swing, unloaded, 1.0 - unloaded)).mean(axis=1)
 
 
+def long_swing(in_contact: np.ndarray) -> np.ndarray:
+    """When a foot should be free of load: the swing of a reference and one step on either side.
+
+    A foot leaves the floor a step late and returns a step early; asked for the reference's own
+    swing it is free for 8 of 28 steps, less than a walk has.
+
+    Args:
+        in_contact: Whether the reference has each foot on the floor, by phase ``(28, 2)``.
+
+    Returns:
+        ``(28, 2)`` booleans; never both feet at once where the reference keeps one down.
+    """
+    swing = ~in_contact
+    longer = swing | np.roll(swing, 1, axis=0) | np.roll(swing, -1, axis=0)
+    return longer & ~(longer.all(axis=1, keepdims=True) & ~swing)
+
+
 def velocity_term(mean_velocity_mps, speed_mps, sharpness: float = 4.0) -> np.ndarray:
     """Track the commanded speed over a whole cycle.
 

@@ -154,6 +154,9 @@ def load_expert(folder: Path) -> Expert:
         weights = load_file(folder / WEIGHTS_FILE)
         policy = ExpertPolicy(**architecture)
         policy.load_state_dict(weights)
+        bad = [name for name, value in weights.items() if not bool(value.isfinite().all())]
+        if bad:
+            raise ValueError(f"{bad[0]} is not finite")
     except (OSError, KeyError, TypeError, ValueError, RuntimeError, SafetensorError) as error:
         reason = str(error).splitlines()[0][:120]
         raise CheckpointError(

@@ -8,6 +8,7 @@ clipped policy gradients through each sequence, the memory cleared where an epis
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -56,19 +57,24 @@ class RecurrentPPO:
         self.task = WalkingTask(p, timestep_s, np.random.default_rng(p.seed))
         self.memory = self.policy.initial_memory(p.robots)
         self.starts = torch.ones(p.robots)
+        # Actor and critic share nothing: the critic is computed beside the actor.
+        self._beside = ThreadPoolExecutor(max_workers=1)
         self.steps, self.seconds, self.input_count = 0, 0.0, 0.0
 
     @property
-    def action_std_rad(self) -> float:
-        """Exploration noise: constant for 45 % of the run, at its final value from 90 % on.
+    def action_std_rad(self) -> Tensor:
+        """Exploration noise of each robot ``(N, 1)``: it fades from 45 % to 90 % of the run.
 
         A policy trained to the end with 0.13 rad tracks its speed with that noise and walks
-        0.1 m/s too fast without it.
+        0.1 m/s too fast without it; one trained with 0.05 rad no longer finds the steps that
+        save it from a push.  So half of the robots become quiet, the others less so.
         """
         p = self.parameters
         share = self.steps / (p.total_steps + p.refinement_steps)
         late = float(np.clip((share - 0.45) / 0.45, 0.0, 1.0))
-        return p.action_std_rad + late * (p.final_action_std_rad - p.action_std_rad)
+        last = torch.full((p.robots, 1), p.final_action_std_rad)
+        last[p.robots // 2 :] = p.loud_action_std_rad
+        return p.action_std_rad + late * (last - p.action_std_rad)
 
     @property
     def learning_rate(self) -> float:
@@ -136,18 +142,20 @@ class RecurrentPPO:
         states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
         if self.steps < p.total_steps // 2:
             self._learn_statistics(states)
+        std = self.action_std_rad
         for step in range(p.rollout_steps):
             if step % p.sequence_steps == 0:
                 memories.append(self.memory)
             inputs = policy.normalise(states).unsqueeze(0)
             starts = self.starts.unsqueeze(0)
+            beside = self._beside.submit(_value, policy, inputs, self.memory[1], starts)
             mean, actor = policy.actor(inputs, self.memory[0], starts)
-            value, critic = policy.critic(inputs, self.memory[1], starts)
-            self.memory = (actor, critic)
             noise = torch.randn(p.robots, ACTION_SIZE, generator=self.generator)
-            action = mean[0] + self.action_std_rad * noise
+            action = mean[0] + std * noise
             reward, plain, failed, expired = task.step(action.double().numpy())
             reward = torch.as_tensor(reward / _VALUE_SCALE, dtype=torch.float32)
+            value, critic = beside.result()
+            self.memory = (actor, critic)
             states = torch.as_tensor(task.simulator.states, dtype=torch.float32)
             if expired.any():
                 # A time limit is no failure: add what the critic expects from there on.
@@ -159,7 +167,7 @@ class RecurrentPPO:
                 )
             ends = torch.as_tensor(failed | expired, dtype=torch.float32)
             for name, item in zip(rows, (
-                inputs[0], action, self._log_probability(action, mean[0]), value[0, :, 0], reward,
+                inputs[0], action, _log_probability(action, mean[0], std), value[0, :, 0], reward,
                 self.starts, ends
             ), strict=True):  # fmt: skip
                 rows[name].append(item)
@@ -174,12 +182,8 @@ class RecurrentPPO:
             policy.normalise(states).unsqueeze(0), self.memory[1], self.starts.unsqueeze(0)
         )
         stacked = {name: torch.stack(items) for name, items in rows.items()}
-        rollout = Rollout(**stacked, memories=memories, last_value=last[0, :, 0])
+        rollout = Rollout(**stacked, std=std, memories=memories, last_value=last[0, :, 0])
         return rollout, {name: total / p.rollout_steps for name, total in totals.items()}
-
-    def _log_probability(self, actions: Tensor, mean: Tensor) -> Tensor:
-        """Gaussian log density up to a constant, which cancels in every ratio."""
-        return -0.5 * (((actions - mean) / self.action_std_rad) ** 2).sum(-1)
 
     def _learn_statistics(self, states: Tensor) -> None:
         """Running mean and standard deviation of the inputs (Welford, batched)."""
@@ -211,23 +215,47 @@ class RecurrentPPO:
         return {name: total / batches for name, total in sums.items()}
 
     def _minibatch(self, batch: Sequences) -> dict[str, float]:
-        p, policy = self.parameters, self.policy
-        mean, _ = policy.actor(batch.inputs, batch.memory[0], batch.starts)
-        value, _ = policy.critic(batch.inputs, batch.memory[1], batch.starts)
-        log_ratio = self._log_probability(batch.actions, mean) - batch.log_probability
-        ratio = log_ratio.exp()
-        clipped = ratio.clamp(1.0 - p.clip, 1.0 + p.clip)
-        policy_loss = -torch.min(ratio * batch.advantages, clipped * batch.advantages).mean()
-        value_loss = (value.squeeze(-1) - batch.targets).pow(2).mean()
-        loss = policy_loss + 0.5 * value_loss
-        if not torch.isfinite(loss):
-            raise TrainingError(
-                f"loss is {loss.item()} at step {self.steps}: expected a finite loss; the last "
-                "good checkpoint is kept"
-            )
+        p = self.parameters
         self.optimiser.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(policy.parameters(), p.max_gradient_norm)
+        beside = self._beside.submit(self._critic_gradient, batch)
+        policy_loss, kl = self._actor_gradient(batch)
+        value_loss = beside.result()
+        if not np.isfinite(policy_loss + value_loss):
+            raise TrainingError(
+                f"loss is {policy_loss + value_loss} at step {self.steps}: expected a finite loss; "
+                "the last good checkpoint is kept"
+            )
+        torch.nn.utils.clip_grad_norm_(self.policy.parameters(), p.max_gradient_norm)
         self.optimiser.step()
-        kl = (ratio - 1.0 - log_ratio).mean().item()
-        return {"policy_loss": policy_loss.item(), "value_loss": value_loss.item(), "kl": kl}
+        return {"policy_loss": policy_loss, "value_loss": value_loss, "kl": kl}
+
+    def _actor_gradient(self, batch: Sequences) -> tuple[float, float]:
+        """Back-propagate the clipped objective; returns it and the KL divergence so far."""
+        clip = self.parameters.clip
+        mean, _ = self.policy.actor(batch.inputs, batch.memory[0], batch.starts)
+        log_ratio = _log_probability(batch.actions, mean, batch.std) - batch.log_probability
+        ratio = log_ratio.exp()
+        clipped = ratio.clamp(1.0 - clip, 1.0 + clip)
+        loss = -torch.min(ratio * batch.advantages, clipped * batch.advantages).mean()
+        loss.backward()
+        return loss.item(), (ratio - 1.0 - log_ratio).mean().item()
+
+    def _critic_gradient(self, batch: Sequences) -> float:
+        """Back-propagate the critic's error with its weight; returns the error."""
+        value, _ = self.policy.critic(batch.inputs, batch.memory[1], batch.starts)
+        error = (value.squeeze(-1) - batch.targets).pow(2).mean()
+        (0.5 * error).backward()
+        return error.item()
+
+
+@torch.no_grad()
+def _value(
+    policy: ExpertPolicy, inputs: Tensor, memory: Tensor, starts: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The critic without gradients: their absence is a setting of each thread."""
+    return policy.critic(inputs, memory, starts)
+
+
+def _log_probability(actions: Tensor, mean: Tensor, std: Tensor) -> Tensor:
+    """Gaussian log density up to a constant, which cancels in every ratio."""
+    return -0.5 * (((actions - mean) / std) ** 2).sum(-1)

@@ -71,10 +71,7 @@ class Pushes:
         """Whether each robot was pushed less than ``recovery_steps`` ago, ``(N,)``."""
         return self.since < self.parameters.recovery_steps
 
-    def indulgence(self, share: float) -> np.ndarray:
-        """Share of a reward term that is given away: 1 at a push, falling to 0, ``(N,)``.
-
-        Args:
-            share: Part of ``recovery_steps`` over which it falls.
-        """
-        return np.clip(1.0 - self.since / (share * self.parameters.recovery_steps), 0.0, 1.0)
+    @property
+    def indulgence(self) -> np.ndarray:
+        """Share of the guidance that is given away: 1 at a push, falling to 0, ``(N,)``."""
+        return np.clip(1.0 - self.since / self.parameters.recovery_steps, 0.0, 1.0)

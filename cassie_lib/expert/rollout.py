@@ -18,6 +18,7 @@ class Rollout:
         log_probability, values: Of the actions when taken, and by the critic.
         rewards: Training reward; at a time limit with the value of what would have come.
         starts, ends: 1 where an episode starts with the step or ends after it.
+        std: Exploration noise of each robot, ``(N, 1)`` rad.
         memories: Actor and critic memories at the start of each sequence.
         last_value: Critic after the last step, ``(N,)``.
         advantages, targets: For policy and critic, see :meth:`judge`.
@@ -30,6 +31,7 @@ class Rollout:
     rewards: Tensor
     starts: Tensor
     ends: Tensor
+    std: Tensor
     memories: list[tuple[Tensor, Tensor]] = field(default_factory=list)
     last_value: Tensor | None = None
     advantages: Tensor | None = None
@@ -66,7 +68,7 @@ class Rollout:
         ]
         names = ("inputs", "actions", "log_probability", "starts", "advantages", "targets")
         parts = {name: getattr(self, name)[rows, columns] for name in names}
-        return Sequences(**parts, memory=memory)
+        return Sequences(**parts, std=self.std[chosen[:, 1]], memory=memory)
 
 
 class Sequences(NamedTuple):
@@ -78,6 +80,7 @@ class Sequences(NamedTuple):
     starts: Tensor
     advantages: Tensor
     targets: Tensor
+    std: Tensor
     memory: list[Tensor]
 
 

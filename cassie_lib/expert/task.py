@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cassie_lib import gait
-from cassie_lib.expert.guidance import gait_term, velocity_term
+from cassie_lib.expert.guidance import gait_term, long_swing, velocity_term
 from cassie_lib.expert.pushes import Pushes
 from cassie_lib.presets import ExpertParameters
 from cassie_lib.reward import ReferencePose, reward
@@ -16,7 +16,7 @@ from cassie_lib.simulator import S0_PHASE, S0_SPEED_MPS, Simulator
 #: 0.1 m/s off keep 0.67 of the term, in the refinement 0.30.
 _VELOCITY_SHARPNESS, _REFINED_SHARPNESS = 4.0, 12.0
 #: Share of the velocity term in the guidance.
-_VELOCITY_SHARE, _REFINED_SHARE = 0.3, 0.6
+_VELOCITY_SHARE, _REFINED_SHARE = 0.3, 0.5
 #: A pelvis this low cannot be saved; waiting for the fall would waste a second of simulation.
 _LOST_HEIGHT_M = 0.6
 #: Share of the training during which a foot that strays ends the episode.
@@ -54,7 +54,7 @@ class WalkingTask:
         self._motor = np.stack([reference.motor_position for reference in self.references])
         self._joint = np.stack([reference.joint_position for reference in self.references])
         self._height = self.references[0].foot_height_m
-        self._swing = ~self.references[0].in_contact
+        self._swing = long_swing(self.references[0].in_contact)
         self._gait_index = np.zeros(parameters.robots, dtype=int)
         self.age = np.zeros(parameters.robots, dtype=int)
         self.progress, self.refining = 0.0, False
@@ -111,10 +111,8 @@ class WalkingTask:
         share = _REFINED_SHARE if self.refining else _VELOCITY_SHARE
         sharpness = _REFINED_SHARPNESS if self.refining else _VELOCITY_SHARPNESS
         tracking = velocity_term(self._mean_velocity, simulator.speed, sharpness)
-        periodic += self.pushes.indulgence(1.0) * (1.0 - periodic)
-        # The mean velocity forgets a push within a cycle.
-        tracking += self.pushes.indulgence(0.5) * (1.0 - tracking)
         guidance = (1.0 - share) * periodic + share * tracking
+        guidance += self.pushes.indulgence * (1.0 - guidance)
         weight = self.parameters.guidance_weight
         self.age += 1
         down = simulator.fallen | (simulator.qpos[:, 2] < _LOST_HEIGHT_M)

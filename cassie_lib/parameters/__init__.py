@@ -7,7 +7,12 @@ from cassie_lib.parameters.dynamics import (
     MLPParameters,
     TransformerParameters,
 )
-from cassie_lib.parameters.expert import REWARD_ONLY, ExpertParameters, SimulationParameters
+from cassie_lib.parameters.expert import (
+    CONTINUATION,
+    REWARD_ONLY,
+    ExpertParameters,
+    SimulationParameters,
+)
 from cassie_lib.parameters.planning import (
     CEMParameters,
     DAggerParameters,
@@ -17,6 +22,7 @@ from cassie_lib.parameters.planning import (
 
 __all__ = [
     "CEMParameters",
+    "CONTINUATION",
     "CausalParameters",
     "CollectionParameters",
     "DAggerParameters",

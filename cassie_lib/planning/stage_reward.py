@@ -14,7 +14,7 @@ from cassie_lib.robot.schema import MOTOR_POSITION, PELVIS_HEIGHT
 
 LATERAL = ("position", "height")
 _GAIT_SHARPNESS = 10.0  # 1/rad
-_FOOT_SHARPNESS = 15.0  # 1/m
+_LEAST_LIFT_M = 0.01  # of a reference that hardly steps
 
 
 class StageReward(Protocol):
@@ -89,7 +89,8 @@ class WalkingReward:
             periodic = gait_term(states[..., MOTOR_POSITION], reference.motor_position)
             total = total + self.gait_weight * periodic
         if self._soles is not None:
-            steps = foot_term(self._soles(states), self._lift[index][:, None])
+            lift = max(float(self._lift.mean()), _LEAST_LIFT_M)
+            steps = foot_term(self._soles(states), self._lift[index][:, None], lift)
             total = total + self.foot_weight * steps
         return total
 
@@ -110,16 +111,20 @@ def gait_term(motor_position: torch.Tensor, reference: torch.Tensor) -> torch.Te
     return (-_GAIT_SHARPNESS * (motor_position - reference).abs().mean(dim=-1)).exp()
 
 
-def foot_term(foot_height_m: torch.Tensor, reference_m: torch.Tensor) -> torch.Tensor:
-    """How closely the soles follow the height of the reference's: exp(-15 times the error in m).
+def foot_term(
+    foot_height_m: torch.Tensor, reference_m: torch.Tensor, lift_m: float
+) -> torch.Tensor:
+    """How closely the soles follow the heights of the reference's.
 
-    A foot on the floor in mid-swing (0.1 m too low) keeps 0.22 of its half.
+    Linear, because it has to outweigh what Eq 3.10 pays for standing: 1 for the reference, 0 on
+    average over a cycle for a robot whose feet stay on the floor, less for worse.
 
     Args:
         foot_height_m: ``(..., 2)`` m.
         reference_m: ``(..., 2)`` m.
+        lift_m: Mean height of the reference's soles over a cycle.
 
     Returns:
-        ``(...)`` in (0, 1].
+        ``(...)``, at most 1.
     """
-    return (-_FOOT_SHARPNESS * (foot_height_m - reference_m).abs()).exp().mean(dim=-1)
+    return 1.0 - (foot_height_m - reference_m).abs().mean(dim=-1) / lift_m

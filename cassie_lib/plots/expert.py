@@ -17,12 +17,24 @@ from cassie_lib.robot.schema import CONTROL_PERIOD_S, GRAVITY
 _SMOOTHING = 10
 
 
-def read_log(path: Path) -> dict[str, np.ndarray]:
-    """A long-form training log as columns by metric, and ``step`` and ``seconds``.
+def read_log(*paths: Path) -> dict[str, np.ndarray]:
+    """Long-form training logs as columns by metric, and ``step`` and ``seconds``.
+
+    Args:
+        paths: Logs of trainings that went on from each other: steps and seconds add up.
 
     Raises:
-        DataError: If it is no training log.
+        DataError: If one is no training log.
     """
+    parts = [_read_log(path) for path in paths]
+    for before, part in zip(parts, parts[1:], strict=False):
+        for key in ("step", "seconds"):
+            part[key] = part[key] + before[key][-1]
+    common = [name for name in parts[0] if all(name in part for part in parts)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in common}
+
+
+def _read_log(path: Path) -> dict[str, np.ndarray]:
     columns: dict[str, list[float]] = {}
     try:
         with open(path, newline="", encoding="utf-8") as file:

@@ -36,6 +36,18 @@ def test_log_is_read_by_metric(tmp_path):
                      "seconds": [1.5, 3.0]}  # fmt: skip
 
 
+def test_logs_of_trainings_that_follow_each_other_add_up(tmp_path):
+    paths = []
+    for name, reward in (("a", 0.5), ("b", 0.7)):
+        log = CsvLog(tmp_path / f"{name}.csv", seed=0)
+        log.write(100, 2.0, {"plain_reward": reward})
+        paths.append(log.path)
+    found = plots.read_log(*paths)
+    assert found["step"].tolist() == [100.0, 200.0]
+    assert found["seconds"].tolist() == [2.0, 4.0]
+    assert found["plain_reward"].tolist() == [0.5, 0.7]
+
+
 @pytest.mark.parametrize("content", ["", "step,seconds,metric,value,seed\n", "a,b\n1,2\n",
                                      "step,seconds,metric,value\n1,1.0,reward,high\n"])  # fmt: skip
 def test_what_is_no_log_is_refused_by_name(content, tmp_path):

@@ -205,7 +205,14 @@ def _laptop() -> Preset:
             layers=2, model_size=160, feedforward_size=640, batch_size=64, max_minutes=22.0
         ),
         cem=CEMParameters(
-            samples=256, elites=32, iterations=4, mean="warm", keep_best=True, include_mean=True
+            samples=128,
+            elites=16,
+            iterations=3,
+            mean="warm",
+            keep_best=True,
+            include_mean=True,
+            terminal_value=True,
+            foot_weight=0.3,
         ),
         gradient_cem=GradientCEMParameters(
             samples=32,
@@ -218,7 +225,7 @@ def _laptop() -> Preset:
             include_mean=True,
             normalise_gradient=True,
             terminal_value=True,
-            gait_weight=0.4,
+            foot_weight=0.3,
         ),
         dagger=DAggerParameters(
             transitions=20_000, schedule=(1, 2, 9, 18, 27), pad_starts=True, training_steps=4000

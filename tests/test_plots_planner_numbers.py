@@ -9,7 +9,7 @@ import pytest
 from recording_toys import toy_trial
 
 from cassie_lib import artifacts, paths
-from cassie_lib.errors import ParameterError
+from cassie_lib.errors import ParameterError, ShapeError
 from cassie_lib.plots import planner_numbers as numbers
 from cassie_lib.provenance import CHANGED, Provenance
 from cassie_lib.robot.schema import PERIOD
@@ -124,6 +124,11 @@ def test_gain_compares_the_same_seeds(after, verdict, provenance):
     assert (record["value"], *record["interval"]) == gain
     assert record["verdict"] == verdict
     assert bool(record["reason"]) == (verdict == "not reproduced")
+
+
+def test_gain_refuses_other_seeds():
+    with pytest.raises(ShapeError, match="trials of 2 and 3 seeds: expected the same seeds"):
+        numbers.improvement(trial([20, 40]), trial([20, 40, 60]))
 
 
 def test_table_cuts_trials_of_different_length_to_the_same():

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cassie_lib.errors import ShapeError
 from cassie_lib.intervals import bootstrap_interval
 from cassie_lib.planning.episodes import PlannedEpisodes
 from cassie_lib.provenance import Provenance
@@ -116,7 +117,16 @@ def record_steps(
 
 
 def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float, float, float]:
-    """Median gain in planner-only steps of the same seeds, and its 95 % interval."""
+    """Median gain in planner-only steps of the same seeds, and its 95 % interval.
+
+    Raises:
+        ShapeError: If the trials have different numbers of seeds.
+    """
+    if len(after.planner_steps) != len(before.planner_steps):
+        raise ShapeError(
+            f"trials of {len(before.planner_steps)} and {len(after.planner_steps)} seeds: "
+            "expected the same seeds in both"
+        )
     gain = after.planner_steps - before.planner_steps
     low, high = bootstrap_interval(gain)
     return float(np.median(gain)), low, high

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
+from typing import Any
 
+from cassie_lib import parameters
 from cassie_lib.errors import unknown_name
 from cassie_lib.parameters import (
     CONTINUATION,
@@ -63,39 +65,20 @@ def _smoke() -> Preset:
         )
     }
     study = NoiseStudyParameters((0.0, 0.06, 0.25), robots=4, episode_steps=60)
+    tiny: dict[str, Any] = {
+        "hidden_size": 16,
+        "robots": 4,
+        "rollout_steps": 28,
+        "epochs": 1,
+        "minibatches": 1,
+        "episode_steps": 56,
+    }
     cem = CEMParameters(samples=8, elites=3, iterations=1, horizon=3, mean="warm")
     return Preset(
         "smoke",
-        expert=ExpertParameters(
-            hidden_size=16,
-            robots=4,
-            rollout_steps=28,
-            total_steps=224,
-            refinement_steps=112,
-            epochs=1,
-            minibatches=1,
-            episode_steps=56,
-        ),
-        expert_continuation=replace(
-            CONTINUATION,
-            hidden_size=16,
-            robots=4,
-            rollout_steps=28,
-            refinement_steps=112,
-            epochs=1,
-            minibatches=1,
-            episode_steps=56,
-        ),
-        reward_only_expert=replace(
-            REWARD_ONLY,
-            hidden_size=16,
-            robots=4,
-            rollout_steps=28,
-            total_steps=224,
-            epochs=1,
-            minibatches=1,
-            episode_steps=56,
-        ),
+        expert=ExpertParameters(total_steps=224, refinement_steps=112, **tiny),
+        expert_continuation=replace(CONTINUATION, refinement_steps=112, **tiny),
+        reward_only_expert=replace(REWARD_ONLY, total_steps=224, **tiny),
         data=DataParameters(**collection, noise_study=study),
         mlp=MLPParameters(
             context=5, hidden_size=32, epochs=2, curriculum_epochs=2, horizon=2, patience=1
@@ -256,24 +239,4 @@ def resolve(name: str) -> Preset:
     return get_preset(os.environ.get("CASSIE_PRESET") or name)
 
 
-__all__ = [
-    "PRESETS",
-    "Preset",
-    "get_preset",
-    "replace",
-    "resolve",
-    "CEMParameters",
-    "CausalParameters",
-    "CollectionParameters",
-    "DAggerParameters",
-    "DataParameters",
-    "EvaluationParameters",
-    "ExpertParameters",
-    "GradientCEMParameters",
-    "GridParameters",
-    "MLPParameters",
-    "NoiseStudyParameters",
-    "REWARD_ONLY",
-    "SimulationParameters",
-    "TransformerParameters",
-]
+__all__ = ["PRESETS", "Preset", "get_preset", "replace", "resolve", *parameters.__all__]

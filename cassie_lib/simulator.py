@@ -92,7 +92,7 @@ class Simulator:
         self._data = [mujoco.MjData(self.model) for _ in range(threads)]
         self.physics = np.zeros((count, robot.PHYSICS_SIZE))
         self._sensors = np.zeros((count, self.model.nsensordata))
-        # Results of the physics steps of one control step: allocating them anew costs 1 % of it.
+        # Results of the physics steps of one control step, overwritten by the next one.
         self._trajectory = np.zeros((count, self._substeps, robot.PHYSICS_SIZE))
         self._readings = np.zeros((count, self._substeps, self.model.nsensordata))
         self._force = np.zeros((count, 2, 3))

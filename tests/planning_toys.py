@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from cassie_lib.dynamics.model import History
+from cassie_lib.planning.cem import CEM
+from cassie_lib.planning.gradient_cem import GradientCEM
+from cassie_lib.planning.objective import Objective
 from cassie_lib.presets import CEMParameters, GradientCEMParameters
 from cassie_lib.robot.schema import CONTROL_PERIOD_S, MOTOR_POSITION, MOTOR_VELOCITY, STATE_SIZE
 
@@ -89,14 +93,54 @@ def best_sequence(model, start: History, horizon: int, discount: float) -> torch
 
 def cem_parameters(**changes) -> CEMParameters:
     """Small CEM; every motor alike."""
-    settings = {"samples": 64, "elites": 8, "iterations": 4, "horizon": 4,
-                "variance": (0.01,) * 10, **changes}
+    settings = {
+        "samples": 64,
+        "elites": 8,
+        "iterations": 4,
+        "horizon": 4,
+        "variance": (0.01,) * 10,
+        **changes,
+    }
     return CEMParameters(**settings)
 
 
 def gradient_parameters(**changes) -> GradientCEMParameters:
     """Small Gradient-CEM; every motor alike."""
-    settings = {"samples": 16, "elites": 4, "iterations": 2, "horizon": 4,
-                "gradient_iterations": 10, "learning_rate": 0.05, "momentum": 0.5,
-                "variance": (0.01,) * 10, **changes}
+    settings = {
+        "samples": 16,
+        "elites": 4,
+        "iterations": 2,
+        "horizon": 4,
+        "gradient_iterations": 10,
+        "learning_rate": 0.05,
+        "momentum": 0.5,
+        "variance": (0.01,) * 10,
+        **changes,
+    }
     return GradientCEMParameters(**settings)
+
+
+def planner(parameters, model=None, cycle=None, **options):
+    """CEM or Gradient-CEM, as the parameters say, on the double integrator."""
+    kind = GradientCEM if hasattr(parameters, "momentum") else CEM
+    objective = Objective(model or DoubleIntegrator(), quadratic_reward, discount=0.9, **options)
+    return kind(objective, parameters, cycle)
+
+
+def solve(parameters, episodes=1, seeds=None, **options):
+    """One plan from the start that :func:`history` gives."""
+    made = planner(parameters, **options)
+    made.reset(seeds or list(range(episodes)))
+    return made.plan(history(episodes), np.zeros(episodes, int), np.zeros(episodes))
+
+
+def gap(plan, horizon=4):
+    """Return lost against the exact optimum, as a share of what doing nothing loses."""
+    model, start = DoubleIntegrator(), history(1)
+    score = Objective(model, quadratic_reward, 0.9).bind(
+        start, torch.zeros(1, dtype=torch.long), torch.zeros(1)
+    )
+    best = best_sequence(model, start, horizon, 0.9).float().view(1, 1, horizon, 10)
+    assert best.abs().max() < 0.5, "the optimum must lie inside the bounds"
+    optimum, nothing = score(best).value.item(), score(torch.zeros_like(best)).value.item()
+    return (optimum - plan.imagined_return.item()) / (optimum - nothing)

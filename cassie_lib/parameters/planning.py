@@ -28,8 +28,7 @@ class CEMParameters:
     terminal_value: bool = False
     lateral: str = "position"  # position | height
     deadband: bool = False
-    gait_weight: float = 0.0  # share of a gait-tracking term besides Eq 3.10; 0 is the thesis
-    foot_weight: float = 0.0  # share of a foot-height term; 0 is the thesis
+    foot_weight: float = 0.0  # share of a foot-height term besides Eq 3.10; 0 is the thesis
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ class Plan(NamedTuple):
 
     Attributes:
         actions: ``(E, T, 10)`` rad; the first one is executed.
-        imagined_return: ``(E,)`` Eq 3.11 of that sequence on the dynamics model.
+        imagined_return: ``(E,)`` Eq 3.11 of that sequence on the dynamics model, without what a
+            terminal value adds.
         non_finite: ``(E,)`` candidates whose prediction was not finite.
         rollouts: Candidates rolled out per episode, with and without gradients.
         best_by_round: ``(R, E)`` best return of each sampling round, the last one included.

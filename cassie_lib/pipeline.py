@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
-from cassie_lib.data import Episodes, collect, collect_noise_study, open_dataset
+from cassie_lib.controllers import Controller
+from cassie_lib.data import Bursts, Episodes, collect, collect_noise_study, open_dataset
 from cassie_lib.dynamics.store import save_model
 from cassie_lib.dynamics.training import Training, train_causal, train_mlp, train_transformer
 from cassie_lib.dynamics.windows import Transitions
@@ -26,6 +27,7 @@ from cassie_lib.presets import (
     DataParameters,
     ExpertParameters,
     Preset,
+    WideCollectionParameters,
     replace,
 )
 
@@ -107,7 +109,10 @@ def dataset_artifact(preset: Preset, name: str) -> Artifact:
     upstream = expert_artifact(preset)
 
     def compute(folder: Path) -> None:
-        collect(load_expert(upstream.path), parameters, preset.simulation, folder)
+        controller: Controller = load_expert(upstream.path)
+        if isinstance(parameters, WideCollectionParameters):
+            controller = Bursts(controller, parameters.bursts)
+        collect(controller, parameters, preset.simulation, folder)
 
     return load_or_compute(
         "data", {"collection": parameters, **_physics(preset)}, compute, [upstream],

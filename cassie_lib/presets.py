@@ -15,6 +15,7 @@ from cassie_lib.errors import unknown_name
 from cassie_lib.parameters import (
     CONTINUATION,
     REWARD_ONLY,
+    BurstParameters,
     CausalParameters,
     CEMParameters,
     CollectionParameters,
@@ -28,6 +29,7 @@ from cassie_lib.parameters import (
     NoiseStudyParameters,
     SimulationParameters,
     TransformerParameters,
+    WideCollectionParameters,
 )
 
 
@@ -60,10 +62,12 @@ def _smoke() -> Preset:
             ("test", 240, 0.01, 3),
             ("baseline", 480, 0.01, 4),
             ("baseline_test", 240, 0.03, 5),
-            ("wide", 240, 0.15, 6),
             ("wide_test", 240, 0.15, 7),
         )
     }
+    wide = WideCollectionParameters(
+        "wide", 240, 0.06, 6, 60, 4, bursts=BurstParameters(pause_steps=(5, 20))
+    )
     study = NoiseStudyParameters((0.0, 0.06, 0.25), robots=4, episode_steps=60)
     tiny: dict[str, Any] = {
         "hidden_size": 16,
@@ -79,7 +83,7 @@ def _smoke() -> Preset:
         expert=ExpertParameters(total_steps=224, refinement_steps=112, **tiny),
         expert_continuation=replace(CONTINUATION, refinement_steps=112, **tiny),
         reward_only_expert=replace(REWARD_ONLY, total_steps=224, **tiny),
-        data=DataParameters(**collection, noise_study=study),
+        data=DataParameters(**collection, wide=wide, noise_study=study),
         mlp=MLPParameters(
             context=5, hidden_size=32, epochs=2, curriculum_epochs=2, horizon=2, patience=1
         ),
@@ -185,7 +189,7 @@ def _laptop() -> Preset:
             evaluation_windows=500,
         ),
         causal=CausalParameters(
-            layers=2, model_size=160, feedforward_size=640, batch_size=64, max_minutes=22.0
+            layers=2, model_size=160, feedforward_size=640, batch_size=64, max_minutes=30.0
         ),
         cem=CEMParameters(
             samples=128,

@@ -233,4 +233,3 @@ def test_no_two_data_sets_share_noise(name):
     preset = get_preset(name)
     seeds = [item.seed for item in vars(preset.data).values()]
     assert len(set(seeds)) == len(seeds)
-    assert preset.data.wide.noise_std_rad == preset.causal.wide_noise_std_rad

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cassie_lib.data.bursts import Bursts
 from cassie_lib.data.collect import collect, collect_noise_study
 from cassie_lib.data.episodes import CUT, FALL, TIME, Episodes, Windows
 from cassie_lib.data.store import CARD, open_dataset, save_dataset
@@ -11,6 +12,7 @@ __all__ = [
     "CUT",
     "FALL",
     "TIME",
+    "Bursts",
     "Episodes",
     "Windows",
     "collect",

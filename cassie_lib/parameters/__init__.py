@@ -1,6 +1,12 @@
 """Frozen dataclasses of every hyper-parameter, with units; the defaults are the thesis's values."""
 
-from cassie_lib.parameters.data import CollectionParameters, DataParameters, NoiseStudyParameters
+from cassie_lib.parameters.data import (
+    BurstParameters,
+    CollectionParameters,
+    DataParameters,
+    NoiseStudyParameters,
+    WideCollectionParameters,
+)
 from cassie_lib.parameters.dynamics import (
     CausalParameters,
     GridParameters,
@@ -21,6 +27,7 @@ from cassie_lib.parameters.planning import (
 )
 
 __all__ = [
+    "BurstParameters",
     "CEMParameters",
     "CONTINUATION",
     "CausalParameters",
@@ -36,4 +43,5 @@ __all__ = [
     "REWARD_ONLY",
     "SimulationParameters",
     "TransformerParameters",
+    "WideCollectionParameters",
 ]

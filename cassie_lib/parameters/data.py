@@ -18,6 +18,22 @@ class CollectionParameters:
 
 
 @dataclass(frozen=True)
+class BurstParameters:
+    """Bursts of correlated action noise that push the robot off the expert's walk."""
+
+    strongest_rad: float = 0.5
+    longest_steps: int = 14  # control steps
+    pause_steps: tuple[int, int] = (15, 70)  # least and most control steps between two bursts
+
+
+@dataclass(frozen=True)
+class WideCollectionParameters(CollectionParameters):
+    """A data set far off the expert's habits."""
+
+    bursts: BurstParameters = BurstParameters()
+
+
+@dataclass(frozen=True)
 class NoiseStudyParameters:
     """Whole episodes at each of several noise levels (falls and foot paths against sigma)."""
 
@@ -41,7 +57,8 @@ class DataParameters:
     baseline_test: CollectionParameters = CollectionParameters(
         "baseline_test", 4_000, 0.03, 5, 1000
     )
-    #: Not in the thesis: trains and tests the causal model off the expert's habits.
-    wide: CollectionParameters = CollectionParameters("wide", 60_000, 0.15, 6)
+    #: Not in the thesis: trains the causal model off the expert's habits ...
+    wide: WideCollectionParameters = WideCollectionParameters("wide", 240_000, 0.06, 6)
+    #: ... and tests it at a noise that no model trains on.
     wide_test: CollectionParameters = CollectionParameters("wide_test", 10_000, 0.15, 7)
     noise_study: NoiseStudyParameters = NoiseStudyParameters()

@@ -103,5 +103,4 @@ class CausalParameters:
     validation_windows: int = 500
     checkpoint_seconds: float = 60.0
     max_minutes: float = 45.0  # 0: no limit
-    wide_noise_std_rad: float = 0.15  # one more training set, collected at this action noise
     seed: int = 0

@@ -116,7 +116,7 @@ def point_artifact(preset: Preset, point: Point) -> Artifact:
         (work / CHECKPOINT).unlink(missing_ok=True)
 
     recipe = {"grid": parameters, "windows": preset.grid.evaluation_windows, "context": longest}
-    upstream = [pipeline.dataset_artifact(preset, name) for name in names]
+    upstream = [pipeline.pending_dataset(preset, name) for name in names]
     return load_or_compute(
         "prediction", recipe, compute, upstream, preset=preset.name, seed=point.seed, kept=True
     )

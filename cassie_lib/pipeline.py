@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cassie_lib.artifacts import WORK, Artifact, load_or_compute
+from cassie_lib.artifacts import WORK, Artifact, Pending, load_or_compute
 from cassie_lib.controllers import Controller
 from cassie_lib.data import Bursts, Episodes, collect, collect_noise_study, open_dataset
 from cassie_lib.dynamics.store import save_model
@@ -94,7 +94,12 @@ def _physics(preset: Preset) -> dict[str, float]:
 
 
 def dataset_artifact(preset: Preset, name: str) -> Artifact:
-    """A data set of section 4.3, collected with the expert.
+    """A data set of section 4.3, collected with the expert; see :func:`pending_dataset`."""
+    return pending_dataset(preset, name).get()
+
+
+def pending_dataset(preset: Preset, name: str) -> Pending:
+    """A data set that is collected only when it is needed.
 
     Args:
         preset: The preset.
@@ -114,7 +119,7 @@ def dataset_artifact(preset: Preset, name: str) -> Artifact:
             controller = Bursts(controller, parameters.bursts)
         collect(controller, parameters, preset.simulation, folder)
 
-    return load_or_compute(
+    return Pending(
         "data", {"collection": parameters, **_physics(preset)}, compute, [upstream],
         preset=preset.name, seed=parameters.seed,
     )  # fmt: skip
@@ -168,7 +173,7 @@ def mlp_artifact(preset: Preset, *, curriculum: bool = False, seed: int | None =
         seed: Of the weights and the order of the batches; default the preset's.
     """
     parameters = preset.mlp if seed is None else replace(preset.mlp, seed=seed)
-    upstream = [dataset_artifact(preset, name) for name in ("baseline", "baseline_test")]
+    upstream = [pending_dataset(preset, name) for name in ("baseline", "baseline_test")]
 
     def compute(folder: Path) -> None:
         train, validation, test = baseline_sets(preset)
@@ -180,7 +185,7 @@ def mlp_artifact(preset: Preset, *, curriculum: bool = False, seed: int | None =
 
     return load_or_compute(
         "mlp", {"mlp": parameters, "curriculum": curriculum}, compute, upstream, preset=preset.name,
-        seed=parameters.seed,
+        seed=parameters.seed, kept=True,
     )  # fmt: skip
 
 
@@ -196,7 +201,7 @@ def held_out_sets(preset: Preset) -> dict[str, Transitions]:
     """Recordings that no model has trained on, by action noise sigma in rad, least first.
 
     sigma of the training set comes from the noise study, which has other seeds; the largest is
-    ``wide_test``, of the kind of noise that only the causal model has trained on.
+    ``wide_test``, a noise that no model trains on.
     """
     test, validation, study, wide = (open_dataset(a.path) for a in held_out_artifacts(preset))
     level = preset.data.train.noise_std_rad
@@ -227,7 +232,7 @@ def transformer_artifact(preset: Preset) -> Artifact:
 
     return load_or_compute(
         "transformer", preset.transformer, compute,
-        [dataset_artifact(preset, name) for name in names], preset=preset.name, kept=True,
+        [pending_dataset(preset, name) for name in names], preset=preset.name, kept=True,
     )  # fmt: skip
 
 
@@ -247,7 +252,7 @@ def causal_artifact(preset: Preset) -> Artifact:
 
     return load_or_compute(
         "causal", preset.causal, compute,
-        [dataset_artifact(preset, name) for name in names], preset=preset.name, kept=True,
+        [pending_dataset(preset, name) for name in names], preset=preset.name, kept=True,
     )  # fmt: skip
 
 
@@ -277,6 +282,7 @@ __all__ = [
     "held_out_sets",
     "mlp_artifact",
     "noise_study_artifact",
+    "pending_dataset",
     "reward_only_artifact",
     "transformer_artifact",
     "transitions",

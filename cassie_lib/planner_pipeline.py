@@ -187,12 +187,12 @@ def dagger_start(preset: Preset) -> Start:
     return Start(
         expert=pipeline.expert(preset),
         model=causal_model(preset),
-        train=tuple(pipeline.transitions(preset, name) for name in names),
-        test=pipeline.transitions(preset, "test"),
+        load_train=lambda: tuple(pipeline.transitions(preset, name) for name in names),
+        load_test=lambda: pipeline.transitions(preset, "test"),
         artifacts=(
             pipeline.expert_artifact(preset),
             pipeline.causal_artifact(preset),
-            *(pipeline.dataset_artifact(preset, name) for name in (*names, "test")),
+            *(pipeline.pending_dataset(preset, name) for name in (*names, "test")),
         ),
     )
 

@@ -172,7 +172,8 @@ def start(tmp_path_factory):
         for seed in (1, 2)
     ]
     model = CausalModel(SMOKE.causal, Normalisation.from_transitions(found[0]))
-    return Start(expert, model.eval().requires_grad_(False), (found[0],), found[1])
+    frozen = model.eval().requires_grad_(False)
+    return Start(expert, frozen, lambda: (found[0],), lambda: found[1])
 
 
 @pytest.fixture
@@ -243,4 +244,4 @@ def test_bad_rounds_are_refused(start, cache):
     with pytest.raises(ParameterError, match="schedule is empty"):
         run(start, replace(PARAMETERS, schedule=()))
     with pytest.raises(ParameterError, match="expected a CausalModel"):
-        run(Start(start.expert, DoubleIntegrator(), start.train, start.test))
+        run(Start(start.expert, DoubleIntegrator(), start.load_train, start.load_test))

@@ -48,9 +48,9 @@ def test_bursts_and_pauses_last_as_long_as_they_may(added):
         for lengths, more in zip(found, runs(np.any(added[:, robot] != 0.0, axis=-1)), strict=True):
             lengths.extend(more)
     bursts, pauses = found
-    assert min(bursts) == 1 and max(bursts) == parameters.longest_steps
+    assert (min(bursts), max(bursts)) == (1, parameters.longest_steps)
     low, high = parameters.pause_steps
-    assert low <= min(pauses) and max(pauses) <= high
+    assert low <= min(pauses) <= max(pauses) <= high
     assert np.mean(pauses) == pytest.approx((low + high) / 2, rel=0.1)
 
 

@@ -61,6 +61,14 @@ class Artifact:
         """Seconds that its computation took, over all its sessions."""
         return float(self.manifest["wall_time_s"])
 
+    def get(self) -> Artifact:
+        """Itself: it need not be computed, unlike one that is pending."""
+        return self
+
+    def at_hand(self) -> Artifact:
+        """Itself: it is stored."""
+        return self
+
     def file(self, name: str) -> Path:
         """Path of one of its files.
 

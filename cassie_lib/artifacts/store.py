@@ -8,7 +8,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from cassie_lib import paths
 from cassie_lib.artifacts.manifest import (
@@ -34,11 +34,25 @@ USED = "CASSIE_ARTIFACT_LOG"
 _SESSIONS = "sessions.json"
 
 
+class Upstream(Protocol):
+    """What a result is computed from: an artifact, or one that is pending."""
+
+    @property
+    def identity(self) -> str:
+        """What later stages depend on."""
+
+    def get(self) -> Artifact:
+        """The artifact, computed if need be."""
+
+    def at_hand(self) -> Artifact | None:
+        """The artifact if it is stored."""
+
+
 def load_or_compute(
     stage: str,
     parameters: Any,
     compute: Callable[[Path], None],
-    upstream: Iterable[Artifact] = (),
+    upstream: Iterable[Upstream] = (),
     *,
     preset: str = "",
     seed: int | None = None,
@@ -57,7 +71,8 @@ def load_or_compute(
             a kill and is handed over again, so checkpoints put under ``folder / WORK`` let
             it go on; that sub-folder is no part of the result.  Files named ``timing*`` do not
             count as content.
-        upstream: Artifacts that the result is computed from.
+        upstream: Artifacts that the result is computed from; pending ones
+            (:class:`~cassie_lib.artifacts.Pending`) are computed only if the result has to be.
         preset: Name of the preset, for the record.
         seed: For the record; by default ``parameters.seed`` if there is one.
         kept: Also copy the result to ``data/`` for git; done for the ``laptop`` preset only.
@@ -71,15 +86,16 @@ def load_or_compute(
     wanted = recipe(stage, parameters, tuple(item.identity for item in before))
     key = recipe_key(wanted)
     since = recompute_since(stage)
-    artifact = _find(stage, key, since, before)
+    artifact = find(stage, key, since, before)
     if artifact is None:
         name = f"{stage}-{key[:12]}"
         with locked(paths.CACHE / "locks" / f"{name}.lock", f"it computes {name}"):
-            artifact = _find(stage, key, since, before)
+            artifact = find(stage, key, since, before)
             if artifact is None:
                 seed = getattr(parameters, "seed", None) if seed is None else seed
                 record = {**wanted, "key": key, "preset": preset, "seed": seed}
-                artifact = _compute(record, compute, before, fresh_code=since > 0)
+                needed = tuple(item.get() for item in before)
+                artifact = _compute(record, compute, needed, fresh_code=since > 0)
     if kept and preset == "laptop":
         keep(artifact)
     if os.environ.get(USED):
@@ -88,7 +104,20 @@ def load_or_compute(
     return artifact
 
 
-def _find(stage: str, key: str, since: float, upstream: tuple[Artifact, ...]) -> Artifact | None:
+def find(
+    stage: str, key: str, since: float = 0.0, upstream: Iterable[Upstream] = ()
+) -> Artifact | None:
+    """Load a stored artifact, or return None when there is none.
+
+    Args:
+        stage: Its stage.
+        key: SHA-256 of its recipe.
+        since: Results finished before this Unix time (s) are passed over.
+        upstream: What it was computed from, for the notice.
+
+    Raises:
+        ArtifactError: If it is damaged.
+    """
     for place in (paths.CACHE, paths.DATA):
         folder = place / f"{stage}-{key[:12]}"
         if not folder.is_dir():
@@ -98,7 +127,7 @@ def _find(stage: str, key: str, since: float, upstream: tuple[Artifact, ...]) ->
         # Asked to compute anew: an old result is passed over, damaged or not.
         if since and not _finished_after(folder, since):
             continue
-        return load(folder, upstream)
+        return load(folder, tuple(found for item in upstream if (found := item.at_hand())))
     return None
 
 

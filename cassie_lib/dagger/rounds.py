@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cassie_lib.artifacts import WORK, Artifact, load_or_compute
+from cassie_lib.artifacts import WORK, Artifact, Upstream, load_or_compute
 from cassie_lib.dagger.recordings import (
     pad_starts,
     split_by_episode,
@@ -46,16 +48,28 @@ class Start:
     Attributes:
         expert: pi*.
         model: The initial dynamics model f.
-        train: Recordings that it was trained on; they stay in the data as the oldest round.
-        test: Recording of the expert that it has not seen, for the error on expert states.
+        load_train: Gives the recordings that it was trained on; they stay in the data as the
+            oldest round.  Not asked for when all rounds are stored.
+        load_test: Gives a recording of the expert that it has not seen, for the error on expert
+            states.
         artifacts: Where these come from; they decide every round.
     """
 
     expert: Expert
     model: CausalModel
-    train: tuple[Transitions, ...]
-    test: Transitions
-    artifacts: tuple[Artifact, ...] = ()
+    load_train: Callable[[], tuple[Transitions, ...]]
+    load_test: Callable[[], Transitions]
+    artifacts: tuple[Upstream, ...] = ()
+
+    @cached_property
+    def train(self) -> tuple[Transitions, ...]:
+        """Recordings that the model was trained on."""
+        return self.load_train()
+
+    @cached_property
+    def test(self) -> Transitions:
+        """Recording of the expert that the model has not seen."""
+        return self.load_test()
 
 
 @dataclass(frozen=True)

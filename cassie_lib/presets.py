@@ -166,7 +166,7 @@ def _smoke() -> Preset:
 def _laptop() -> Preset:
     return Preset(
         "laptop",
-        mlp=MLPParameters(hidden_size=512),
+        mlp=MLPParameters(hidden_size=256),
         transformer=TransformerParameters(
             representation_size=256,
             model_size=128,

@@ -11,6 +11,7 @@ import pytest
 from cassie_lib import grid_search, paths, pipeline
 from cassie_lib import transformer_claims as claims
 from cassie_lib.controllers import Observation
+from cassie_lib.data import open_dataset
 from cassie_lib.dynamics.store import load_model
 from cassie_lib.errors import ArtifactError, ParameterError, UnknownNameError
 from cassie_lib.plots import expert as expert_plots
@@ -93,7 +94,7 @@ def test_held_out_sets_by_noise_come_from_recordings_not_trained_on(stages):
     sets = pipeline.held_out_sets(stages)
     assert list(sets) == ["σ = 0.01", "σ = 0.03", "σ = 0.06", "σ = 0.15"]
     artifacts = pipeline.held_out_artifacts(stages)
-    study = pipeline.open_dataset(artifacts[2].path)
+    study = open_dataset(artifacts[2].path)
     own = np.isclose(study.noise_std_rad, 0.06)
     assert own.sum() == stages.data.noise_study.robots
     rows = np.repeat(own, study.episode_lengths)

@@ -124,5 +124,7 @@ def evaluate(
     def compute(folder: Path) -> None:
         save_episodes(folder / EPISODES, run_protocol(protocol, model, parameters, expert))
 
-    artifact = load_or_compute(stage, recipe, compute, upstream, preset=preset, seed=protocol.seed)
+    artifact = load_or_compute(
+        stage, recipe, compute, upstream, preset=preset, seed=protocol.seed, kept=True
+    )
     return load_episodes(artifact.file(EPISODES)), artifact

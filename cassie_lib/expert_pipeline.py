@@ -1,0 +1,61 @@
+"""The policies that are trained, each loaded or computed: pipeline.py, first part."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from cassie_lib.artifacts import WORK, Artifact, load_or_compute
+from cassie_lib.expert.policy import Expert, load_expert, save_expert
+from cassie_lib.expert.ppo import RecurrentPPO
+from cassie_lib.files import plain, write_json
+from cassie_lib.presets import ExpertParameters, Preset
+
+
+def first_expert_artifact(preset: Preset) -> Artifact:
+    """The expert after its first training; :func:`expert_artifact` goes on from it."""
+    return _trained_policy(preset, preset.expert)
+
+
+def expert_artifact(preset: Preset) -> Artifact:
+    """The expert pi* of section 4.3.1: weights, card and ``timing_log.csv``."""
+    return _trained_policy(preset, preset.expert_continuation, first_expert_artifact(preset))
+
+
+def reward_only_artifact(preset: Preset) -> Artifact:
+    """A policy trained on Eq 3.10 alone at 0.0509 m/s, which learns to stand still."""
+    return _trained_policy(preset, preset.reward_only_expert)
+
+
+def _trained_policy(
+    preset: Preset, parameters: ExpertParameters, first: Artifact | None = None
+) -> Artifact:
+    timestep_s = preset.simulation.training_timestep_s
+
+    def compute(folder: Path) -> None:
+        work = folder / WORK
+        work.mkdir(parents=True, exist_ok=True)
+        run = RecurrentPPO(parameters, timestep_s)
+        if first is not None:
+            run.policy.load_state_dict(load_expert(first.path).policy.state_dict())
+        policy = run.train(work)
+        # Wall times stay out of the card: they would make equal weights look different.
+        card = {"parameters": plain(parameters), "timestep_s": timestep_s, "steps": run.steps}
+        if first is not None:
+            card["continues"] = first.name
+        save_expert(policy, folder, card)
+        shutil.copyfile(work / "log.csv", folder / "timing_log.csv")
+        write_json(folder / "timing.json", {"training_s": run.seconds})
+
+    return load_or_compute(
+        "expert", {"expert": parameters, "timestep_s": timestep_s}, compute,
+        [first] if first else [], preset=preset.name, seed=parameters.seed, kept=True,
+    )  # fmt: skip
+
+
+def expert(preset: Preset) -> Expert:
+    """The expert as a controller."""
+    return load_expert(expert_artifact(preset).path)
+
+
+__all__ = ["expert", "expert_artifact", "first_expert_artifact", "reward_only_artifact"]

@@ -69,6 +69,15 @@ def test_normalised_gradient_has_unit_norm_or_is_zero():
     assert norm.tolist() == pytest.approx([1.0, 0.0, 1.0], abs=1e-5)
 
 
+def test_an_annealed_rate_reaches_further_and_stops_closer():
+    """Steps of unit gradients do not shrink by themselves: only annealed long ones end near."""
+    options = {"normalise_gradient": True, "iterations": 1, "gradient_iterations": 12}
+    long, short = {"learning_rate": 0.3}, {"learning_rate": 0.01}
+    annealed = gap(solve(gradient_parameters(**options, **long, anneal=True)))
+    assert annealed < 0.5 * gap(solve(gradient_parameters(**options, **long)))
+    assert annealed < 0.5 * gap(solve(gradient_parameters(**options, **short)))
+
+
 def test_gradient_survives_a_spoiled_candidate():
     # Steep steps push elites over the threshold; the rest must go on.
     parameters = gradient_parameters(learning_rate=0.5, keep_best=True, samples=32)

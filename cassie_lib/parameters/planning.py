@@ -29,6 +29,7 @@ class CEMParameters:
     lateral: str = "position"  # position | height
     deadband: bool = False
     foot_weight: float = 0.0  # share of a foot-height term besides Eq 3.10; 0 is the thesis
+    height_weight: float = 0.0  # share of a pelvis-height term besides Eq 3.10; 0 is the thesis
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class GradientCEMParameters(CEMParameters):
     learning_rate: float = 7e-2
     momentum: float = 0.8
     normalise_gradient: bool = False
+    anneal: bool = False  # learning rate falls linearly over the G iterations, to 1/G of it
     gradient_on_all: bool = False  # True: gradients on all N samples, reference [3]
 
 

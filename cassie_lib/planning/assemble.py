@@ -88,7 +88,7 @@ def make_planner(
         raise ParameterError(f"expert is None: expected one, the parameters say {needed}")
     reward = WalkingReward(
         reference or gait.walk(speed_mps), parameters.lateral, parameters.deadband,
-        parameters.foot_weight,
+        parameters.foot_weight, parameters.height_weight,
     )  # fmt: skip
     terminal = CriticValue(expert.policy) if parameters.terminal_value else None
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)

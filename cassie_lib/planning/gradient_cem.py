@@ -78,11 +78,13 @@ class GradientCEM(CEM):
         # A clone made outside inference mode may be differentiated; the drawn samples may not.
         actions = chosen.actions.clone()
         velocity = torch.zeros_like(actions)
-        for _ in range(p.gradient_iterations):
+        count = p.gradient_iterations
+        for done in range(count):
             gradient = self._gradient(scorer, actions)
-            actions, velocity = momentum_step(
-                actions, velocity, gradient, p.learning_rate, p.momentum
-            )
+            # Normalised gradients do not shrink near an optimum: a constant rate is too small at
+            # the beginning or too large at the end.
+            rate = p.learning_rate * (1.0 - done / count if p.anneal else 1.0)
+            actions, velocity = momentum_step(actions, velocity, gradient, rate, p.momentum)
             actions = self._clip(actions)
         with torch.inference_mode():
             return scorer(actions).top(p.elites)

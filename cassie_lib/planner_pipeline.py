@@ -150,7 +150,7 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     The preset's own reward is taken from the full trial, which begins with the same steps.
     """
     steps = preset.evaluation.ablation_steps
-    bare = {"foot_weight": 0.0}
+    bare = {"foot_weight": 0.0, "height_weight": 0.0}
     return {
         "Eq 3.11 alone": planner_trial(
             preset, planner, steps=steps, changes=bare | {"terminal_value": False}
@@ -158,7 +158,7 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
         "with the critic": planner_trial(
             preset, planner, steps=steps, changes=bare | {"terminal_value": True}
         ),
-        "with critic and foot term": planner_trial(preset, planner),
+        "with critic, foot and height terms": planner_trial(preset, planner),
     }
 
 

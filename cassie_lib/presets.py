@@ -200,19 +200,25 @@ def _laptop() -> Preset:
             include_mean=True,
             terminal_value=True,
             foot_weight=0.3,
+            height_weight=0.2,
         ),
+        # Few samples close to the gait reference: the gradient does the work, and a plan that
+        # begins anew at every control step strays less into what the model has never seen.
         gradient_cem=GradientCEMParameters(
-            samples=32,
-            elites=8,
+            samples=8,
+            elites=4,
             iterations=1,
-            gradient_iterations=12,
-            learning_rate=0.03,
-            mean="warm",
+            variance=tuple(0.02 * value for value in GradientCEMParameters().variance),
+            gradient_iterations=10,
+            learning_rate=0.2,
+            anneal=True,
+            mean="reference",
             keep_best=True,
             include_mean=True,
             normalise_gradient=True,
             terminal_value=True,
             foot_weight=0.3,
+            height_weight=0.2,
         ),
         dagger=DAggerParameters(
             transitions=20_000, schedule=(1, 2, 9, 18, 27), pad_starts=True, training_steps=4000

@@ -80,7 +80,7 @@ def test_other_means_get_shorter_trials_than_the_own_one(stages, asked):
     planners.mean_trials(stages, "cem")
     lengths = {item.parameters.mean: item.protocol.steps for item in asked}
     # Own mean: the whole trial, which begins with the same steps.
-    assert lengths == {"zero": 60, "warm": 40}
+    assert lengths == {"zero": 60, "warm": 40, "reference": 60}
     asked.clear()
     planners.mean_trials(replace(stages, name="laptop"), "cem")
     assert [item.parameters.mean for item in asked] == list(MEANS), "an expert that walks"

@@ -15,7 +15,7 @@ class CEMParameters:
     horizon: int = 10  # tau
     discount: float = 0.99  # gamma, applied as gamma^t
     variance: tuple[float, ...] = (0.01, 0.02, 0.01, 0.05, 0.01, 0.03, 0.02, 0.04, 0.01, 0.01)
-    mean: str = "zero"  # zero | warm | expert
+    mean: str = "zero"  # zero | warm | expert | reference
     covariance: str = "diagonal"  # diagonal | full
     keep_best: bool = False
     include_mean: bool = False  # the mean itself is a candidate of every round

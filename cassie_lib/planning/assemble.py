@@ -14,6 +14,7 @@ from cassie_lib.planning.objective import Objective
 from cassie_lib.planning.stage_reward import WalkingReward
 from cassie_lib.planning.terminal import CriticValue
 from cassie_lib.presets import CEMParameters, GradientCEMParameters
+from cassie_lib.robot.model import neutral_pose
 from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
 from cassie_lib.simulator import S0_SPEED_MPS
 from cassie_lib.walking import run_episodes
@@ -60,6 +61,18 @@ def expert_cycle(
     return cycle
 
 
+def reference_cycle(reference: gait.GaitReference) -> np.ndarray:
+    """The reference gait's joint angles as actions by phase: targets of the PD drive.
+
+    Played back without feedback they do not hold the robot up, see
+    :class:`~cassie_lib.controllers.ReferencePlayback`.
+
+    Returns:
+        ``(28, 10)`` rad: entry p is the action taken at phase p, the pose of phase p + 1.
+    """
+    return np.roll(reference.motor_position, -1, axis=0) - neutral_pose()
+
+
 def make_planner(
     model: DynamicsModel,
     parameters: CEMParameters,
@@ -92,7 +105,12 @@ def make_planner(
     )  # fmt: skip
     terminal = CriticValue(expert.policy) if parameters.terminal_value else None
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)
-    cycle = expert_cycle(expert, speed_mps) if parameters.mean == "expert" else None
+    reference = reference or gait.walk(speed_mps)
+    cycle = None
+    if parameters.mean == "expert":
+        cycle = expert_cycle(expert, speed_mps)
+    elif parameters.mean == "reference":
+        cycle = reference_cycle(reference)
     if isinstance(parameters, GradientCEMParameters):
         return GradientCEM(objective, parameters, cycle)
     return CEM(objective, parameters, cycle)

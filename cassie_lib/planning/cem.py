@@ -20,7 +20,9 @@ from cassie_lib.planning.sampling import initial_distribution, refit, sample, sh
 from cassie_lib.presets import CEMParameters
 from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
 
-MEANS = ("zero", "warm", "expert")
+MEANS = ("zero", "warm", "expert", "reference")
+#: Means that are read from a cycle of actions by phase.
+CYCLES = ("expert", "reference")
 COVARIANCES = ("diagonal", "full")
 FILLS = ("repeat", "zero")
 
@@ -61,8 +63,9 @@ class CEM:
     Args:
         objective: Model and reward; its discount should be ``parameters.discount``.
         parameters: :class:`cassie_lib.presets.CEMParameters`.
-        action_cycle: The expert's recorded actions by phase, ``(28, 10)`` rad; needed for (and
-            used by) ``mean="expert"`` alone: entry p is the action taken at phase p.
+        action_cycle: Actions by phase, ``(28, 10)`` rad: entry p is the action taken at phase p.
+            The expert's recorded ones for ``mean="expert"``, the reference gait's joint angles for
+            ``mean="reference"``; not used otherwise.
 
     Raises:
         ParameterError: If parameters contradict themselves or the action cycle is missing.
@@ -163,9 +166,9 @@ class CEM:
         return episodes
 
     def _mean(self, episodes: list[int], phase: torch.Tensor) -> torch.Tensor:
-        """Initial mean ``(E, T, 10)``: zero, the last plan moved on, or the expert's cycle."""
+        """Initial mean ``(E, T, 10)``: zero, the last plan moved on, or a cycle of actions."""
         p = self.parameters
-        if p.mean == "expert" and self._cycle is not None:
+        if self._cycle is not None:
             index = (phase[:, None] + torch.arange(p.horizon)) % PERIOD
             return self._clip(self._cycle[index])
         if p.mean == "warm":
@@ -190,11 +193,13 @@ class CEM:
 
 
 def _action_cycle(cycle, mean: str) -> torch.Tensor | None:
-    """Check the expert's cycle where it is needed."""
-    if mean != "expert":
+    """Check the cycle where one is needed."""
+    if mean not in CYCLES:
         return None
     if cycle is None:
-        raise ParameterError('mean is "expert" and there is no action_cycle: expected (28, 10) rad')
+        raise ParameterError(
+            f'mean is "{mean}" and there is no action_cycle: expected (28, 10) rad'
+        )
     cycle = torch.as_tensor(np.asarray(cycle), dtype=torch.float32)
     if tuple(cycle.shape) != (PERIOD, ACTION_SIZE):
         raise ShapeError(

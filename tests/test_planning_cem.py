@@ -26,6 +26,7 @@ from cassie_lib.errors import (
     UnknownNameError,
 )
 from cassie_lib.planning.candidates import Candidates
+from cassie_lib.planning.cem import CYCLES
 from cassie_lib.planning.sampling import shift
 
 
@@ -143,10 +144,11 @@ def test_warm_start_moves_the_last_plan_on():
     assert torch.equal(made.plan(history(), [0], [0.0]).actions, torch.zeros(1, 4, 10))
 
 
-def test_expert_mean_is_the_cycle_at_its_phase():
+@pytest.mark.parametrize("mean", CYCLES)
+def test_a_cycles_mean_is_the_cycle_at_its_phase(mean):
     cycle = 0.01 * torch.arange(28.0)[:, None].expand(28, 10)
     made = planner(
-        cem_parameters(mean="expert", variance=(0.0,) * 10, std_floor_rad=0.0), cycle=cycle
+        cem_parameters(mean=mean, variance=(0.0,) * 10, std_floor_rad=0.0), cycle=cycle
     )
     made.reset([0, 1])
     plan = made.plan(history(2), [26, 3], [0.0, 0.0])
@@ -190,6 +192,7 @@ def test_no_finite_candidate_is_an_error_that_names_the_episode():
         ({"covariance": "banded"}, UnknownNameError, "covariance 'banded'"),
         ({"warm_fill": "mirror"}, UnknownNameError, "warm fill 'mirror'"),
         ({"mean": "expert"}, ParameterError, "action_cycle"),
+        ({"mean": "reference"}, ParameterError, "action_cycle"),
     ],
 )
 def test_contradicting_settings_are_refused(changes, error, message):

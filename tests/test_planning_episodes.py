@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
+from cassie_lib import gait
+from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ArtifactError, ParameterError
 from cassie_lib.expert.policy import Expert, ExpertPolicy
 from cassie_lib.planning import assemble
@@ -15,6 +18,8 @@ from cassie_lib.planning.gradient_cem import GradientCEM
 from cassie_lib.planning.oracle import OracleModel
 from cassie_lib.planning.terminal import CriticValue
 from cassie_lib.presets import get_preset, replace
+from cassie_lib.robot.model import neutral_pose
+from cassie_lib.simulator import Simulator
 
 COARSE = 0.002
 SMOKE = get_preset("smoke")
@@ -52,6 +57,26 @@ def test_expert_that_falls_gives_no_cycle():
 
     with pytest.raises(ParameterError, match="the expert fell"):
         expert_cycle(Kick(), timestep_s=COARSE)
+
+
+def test_reference_mean_aims_at_the_reference_pose_of_the_next_step():
+    """No policy has seen it: with nothing to search for, the plan is the reference played back."""
+    reference = gait.walk(0.3)
+    parameters = replace(
+        SMOKE.cem, mean="reference", variance=(0.0,) * 10, std_floor_rad=0.0, horizon=3
+    )
+    planner = make_planner(OracleModel(1, COARSE), parameters, reference=reference)
+    planner.reset([0])
+    robot = Simulator(1, COARSE)
+    robot.reset()
+    history = History(
+        torch.as_tensor(robot.states, dtype=torch.float32)[:, None], torch.zeros(1, 0, 10),
+        robot.physics.copy(), torch.tensor([26]),
+    )  # fmt: skip
+    plan = planner.plan(history, [26], [0.0])
+    targets = plan.actions[0].numpy() + neutral_pose()
+    np.testing.assert_allclose(targets, reference.motor_position[[27, 0, 1]], atol=1e-6)
+    assert plan.actions.abs().max() > 0.05
 
 
 def test_planner_is_of_the_kind_of_its_parameters():

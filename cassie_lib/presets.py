@@ -221,7 +221,7 @@ def _laptop() -> Preset:
             height_weight=0.2,
         ),
         dagger=DAggerParameters(
-            transitions=20_000, schedule=(1, 2, 9, 18, 27), pad_starts=True, training_steps=4000
+            transitions=10_000, schedule=(1, 2, 9, 27, 27), pad_starts=True, training_steps=1500
         ),
     )
 

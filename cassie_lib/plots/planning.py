@@ -59,8 +59,12 @@ def reward_panel(
                      label=f"thesis: fall at {thesis_fall}")  # fmt: skip
     fallen = np.flatnonzero(found.recording.fell & (length > 0))
     where = length[fallen]
-    axes.plot(where, reward[fallen, where - 1], "x", color=COLOURS["vermillion"], ms=5, mew=1.3,
-              label="fall of a seed", clip_on=False, zorder=5)  # fmt: skip
+    (falls,) = axes.plot(
+        where, reward[fallen, where - 1], "x", color=COLOURS["vermillion"], ms=5, mew=1.3,
+        label="fall of a seed", clip_on=False, zorder=5,
+    )  # fmt: skip
+    # Without a fall the unclipped marker lies in the figure's corner, and the layout reaches there.
+    falls.set_in_layout(False)
     axes.set(ylim=(0.0, 1.02), yticks=np.linspace(0.0, 1.0, 6), ylabel="Eq 3.10 per step")
     return {"step": steps, "median": middle, "low": low, "high": high,
             "seeds_upright": np.isfinite(upright).sum(axis=0)}  # fmt: skip
@@ -84,7 +88,8 @@ def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[st
     axes.set(xlabel="planner-only control steps", ylabel="share of seeds upright")
     axes.set_xlim(left=0.0)
     axes.set_ylim(0.0, 1.05)
-    axes.legend(loc="upper right", fontsize=6.5)
+    # Beside the panel: inside it, one line more than fits would push the panels together.
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=6.5)
     return data
 
 

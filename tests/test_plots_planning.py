@@ -107,6 +107,13 @@ def test_reward_figure_holds_both_models_and_all_means(trial, tmp_path):
     np.testing.assert_allclose(found["oracle"]["median"], oracle.recording.reward[0])
 
 
+def test_a_trial_without_falls_does_not_push_the_panels_together(trial):
+    with plt.rc_context({"figure.constrained_layout.use": True}):
+        figure, _ = plots.plot_rewards(trial, toy_trial([20], 20), {"warm": trial}, BASELINES, 30)
+        figure.canvas.draw()
+    assert min(axes.get_position().height for axes in figure.axes) > 0.12
+
+
 def test_imagined_returns_are_paired_with_what_followed():
     found = toy_trial([30, 40], 40, handover=5, horizon=3, optimism=0.5)
     figure, data = plots.plot_imagined({"CEM": found}, 3)

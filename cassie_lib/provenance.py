@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from cassie_lib.artifacts import Artifact
+from cassie_lib.artifacts import Artifact, Upstream
 from cassie_lib.code_version import git_commit, library_versions, lock_hash
 from cassie_lib.errors import ParameterError
 
@@ -54,11 +54,17 @@ class Provenance:
 
     @classmethod
     def of(
-        cls, preset: str, seeds: int | Iterable[int] = (), artifacts: Iterable[Artifact] = ()
+        cls, preset: str, seeds: int | Iterable[int] = (), artifacts: Iterable[Upstream] = ()
     ) -> Provenance:
-        """Collect the provenance of this run; a single seed may be given as a number."""
+        """Collect the provenance of this run.
+
+        Args:
+            preset: Name of the preset.
+            seeds: The seeds, or a single one.
+            artifacts: What was used; pending ones that nobody has needed are left out.
+        """
         numbers = (seeds,) if isinstance(seeds, int) else tuple(int(seed) for seed in seeds)
-        return cls(preset, numbers, tuple(artifacts))
+        return cls(preset, numbers, tuple(a for item in artifacts if (a := item.at_hand())))
 
     @property
     def notices(self) -> tuple[str, ...]:

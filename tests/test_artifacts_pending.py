@@ -9,6 +9,7 @@ from artifact_toys import Counted, Parameters, damage_flip, make
 
 from cassie_lib.artifacts import Pending
 from cassie_lib.errors import ArtifactError, ParameterError
+from cassie_lib.provenance import Provenance
 
 pytestmark = pytest.mark.usefixtures("artifact_folders")
 
@@ -57,6 +58,14 @@ def test_damaged_data_is_told_even_if_only_the_model_is_loaded():
     damage_flip(pending.get().path / "weights.bin")
     with pytest.raises(ArtifactError, match=r"weights\.bin"):
         make(stage="mlp", upstream=[pending])
+
+
+def test_a_figures_provenance_names_it_once_it_has_been_needed():
+    pending = Pending("data", Parameters(), Counted())
+    trained = make(stage="mlp")
+    assert Provenance.of("smoke", 0, [pending, trained]).artifacts == (trained,)
+    pending.get()
+    assert [item.name for item in Provenance.of("smoke", 0, [pending]).artifacts] == [pending.name]
 
 
 def test_weights_cannot_be_pending():

@@ -150,7 +150,7 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     The preset's own reward is taken from the full trial, which begins with the same steps.
     """
     steps = preset.evaluation.ablation_steps
-    bare = {"foot_weight": 0.0, "height_weight": 0.0}
+    bare = {"foot_weight": 0.0}
     return {
         "Eq 3.11 alone": planner_trial(
             preset, planner, steps=steps, changes=bare | {"terminal_value": False}
@@ -158,8 +158,17 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
         "with the critic": planner_trial(
             preset, planner, steps=steps, changes=bare | {"terminal_value": True}
         ),
-        "with critic, foot and height terms": planner_trial(preset, planner),
+        "with the critic and the foot term": planner_trial(preset, planner),
     }
+
+
+def playback_trial(preset: Preset) -> Trial:
+    """The feed-forward cycle played after the hand-over with no planner: what the mean alone does."""
+    alone = {
+        "mean": "feedforward", "samples": 1, "elites": 1, "iterations": 1, "include_mean": True,
+        "variance": (0.0,) * len(preset.cem.variance), "std_floor_rad": 0.0,
+    }  # fmt: skip
+    return planner_trial(preset, "cem", steps=preset.evaluation.ablation_steps, changes=alone)
 
 
 def oracle_trial(preset: Preset, planner: str) -> Trial:
@@ -232,6 +241,7 @@ __all__ = [
     "dagger_start",
     "mean_trials",
     "oracle_trial",
+    "playback_trial",
     "planner_parameters",
     "planner_trial",
     "round_trials",

@@ -7,12 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cassie_lib import pipeline
+from cassie_lib import gait, pipeline
 from cassie_lib import planner_pipeline as planners
 from cassie_lib.errors import ParameterError, UnknownNameError
 from cassie_lib.expert.trials import SPEEDS_MPS, run_trials
 from cassie_lib.planning.cem import MEANS
 from cassie_lib.planning.evaluate import Protocol, evaluate, run_protocol
+from cassie_lib.planning.feedforward import feedforward_cycle
 from cassie_lib.planning.oracle import OracleModel
 from cassie_lib.presets import get_preset, replace
 from cassie_lib.walking import run_episodes
@@ -80,7 +81,7 @@ def test_other_means_get_shorter_trials_than_the_own_one(stages, asked):
     planners.mean_trials(stages, "cem")
     lengths = {item.parameters.mean: item.protocol.steps for item in asked}
     # Own mean: the whole trial, which begins with the same steps.
-    assert lengths == {"zero": 60, "warm": 40, "reference": 60}
+    assert lengths == {"zero": 60, "warm": 40, "reference": 60, "feedforward": 60}
     asked.clear()
     planners.mean_trials(replace(stages, name="laptop"), "cem")
     assert [item.parameters.mean for item in asked] == list(MEANS), "an expert that walks"
@@ -94,6 +95,16 @@ def test_parts_of_the_reward_are_added_one_by_one(stages, asked):
     assert (bare.terminal_value, critic.terminal_value) == (False, True)
     assert own == stages.gradient_cem
     assert [item.protocol.steps for item in asked] == [60, 60, 30]
+
+
+def test_playback_is_the_feedforward_cycle_and_nothing_else(stages):
+    (recording, log), _ = planners.playback_trial(stages)
+    cycle = feedforward_cycle(gait.walk(stages.simulation.speed_mps))
+    for episode, length in enumerate(recording.length):
+        driven = slice(log.handover_step, length)
+        wanted = cycle[recording.phase[episode, driven]]
+        np.testing.assert_allclose(recording.actions[episode, driven], wanted.clip(-0.5, 0.5),
+                                   atol=1e-6)  # fmt: skip
 
 
 def test_oracle_trials_are_smaller_and_depend_on_no_model(stages, asked):

@@ -81,23 +81,6 @@ def test_foot_term_pays_for_lifting_the_right_foot_and_pulls_a_low_one_up():
         WalkingReward(GAIT, foot_weight=1.5)
 
 
-def test_height_term_pulls_a_sunken_pelvis_up():
-    phases = torch.zeros(1, 3, dtype=torch.long)
-    states = torch.zeros(1, 1, 3, 49)
-    # At the reference's height, half the unit too low, and twice the unit too high.
-    states[..., 0] = float(GAIT.qpos[0, 2]) + torch.tensor([0.0, -0.05, 0.2])
-    states[..., 1] = 1.0
-    leaf, zero = states.requires_grad_(True), torch.zeros(1, 1, 3)
-    plain, tall = (WalkingReward(GAIT, height_weight=weight) for weight in (0.0, 0.2))
-    value = tall(leaf, phases, zero)
-    share = torch.tensor([1.0, 0.5, -1.0])
-    torch.testing.assert_close(value, 0.8 * plain(leaf, phases, zero) + 0.2 * share)
-    (gradient,) = torch.autograd.grad(value.sum(), leaf)
-    assert gradient[0, 0, 1, 0] > 0.0 > gradient[0, 0, 2, 0]
-    with pytest.raises(ParameterError, match=r"height_weight is 0\.4"):
-        WalkingReward(GAIT, foot_weight=0.7, height_weight=0.4)
-
-
 def test_lateral_position_is_the_integral_of_velocity():
     # Constant acceleration: the trapezoid is exact.
     time = 0.03 * torch.arange(1, 6)

@@ -15,7 +15,7 @@ class CEMParameters:
     horizon: int = 10  # tau
     discount: float = 0.99  # gamma, applied as gamma^t
     variance: tuple[float, ...] = (0.01, 0.02, 0.01, 0.05, 0.01, 0.03, 0.02, 0.04, 0.01, 0.01)
-    mean: str = "zero"  # zero | warm | expert | reference
+    mean: str = "zero"  # zero | warm | expert | reference | feedforward
     covariance: str = "diagonal"  # diagonal | full
     keep_best: bool = False
     include_mean: bool = False  # the mean itself is a candidate of every round
@@ -29,7 +29,6 @@ class CEMParameters:
     lateral: str = "position"  # position | height
     deadband: bool = False
     foot_weight: float = 0.0  # share of a foot-height term besides Eq 3.10; 0 is the thesis
-    height_weight: float = 0.0  # share of a pelvis-height term besides Eq 3.10; 0 is the thesis
 
 
 @dataclass(frozen=True)

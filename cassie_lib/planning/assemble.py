@@ -9,6 +9,7 @@ from cassie_lib.controllers import Controller
 from cassie_lib.dynamics.model import DynamicsModel
 from cassie_lib.errors import ParameterError
 from cassie_lib.planning.cem import CEM
+from cassie_lib.planning.feedforward import feedforward_cycle
 from cassie_lib.planning.gradient_cem import GradientCEM
 from cassie_lib.planning.objective import Objective
 from cassie_lib.planning.stage_reward import WalkingReward
@@ -64,8 +65,8 @@ def expert_cycle(
 def reference_cycle(reference: gait.GaitReference) -> np.ndarray:
     """The reference gait's joint angles as actions by phase: targets of the PD drive.
 
-    Played back without feedback they do not hold the robot up, see
-    :class:`~cassie_lib.controllers.ReferencePlayback`.
+    The drive sags under the robot's weight; :func:`~cassie_lib.planning.feedforward_cycle` makes
+    up for it.
 
     Returns:
         ``(28, 10)`` rad: entry p is the action taken at phase p, the pose of phase p + 1.
@@ -99,18 +100,19 @@ def make_planner(
     if expert is None and (parameters.terminal_value or parameters.mean == "expert"):
         needed = "terminal_value" if parameters.terminal_value else 'mean = "expert"'
         raise ParameterError(f"expert is None: expected one, the parameters say {needed}")
+    reference = reference or gait.walk(speed_mps)
     reward = WalkingReward(
-        reference or gait.walk(speed_mps), parameters.lateral, parameters.deadband,
-        parameters.foot_weight, parameters.height_weight,
-    )  # fmt: skip
+        reference, parameters.lateral, parameters.deadband, parameters.foot_weight
+    )
     terminal = CriticValue(expert.policy) if parameters.terminal_value else None
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)
-    reference = reference or gait.walk(speed_mps)
     cycle = None
     if parameters.mean == "expert":
         cycle = expert_cycle(expert, speed_mps)
     elif parameters.mean == "reference":
         cycle = reference_cycle(reference)
+    elif parameters.mean == "feedforward":
+        cycle = feedforward_cycle(reference)
     if isinstance(parameters, GradientCEMParameters):
         return GradientCEM(objective, parameters, cycle)
     return CEM(objective, parameters, cycle)

@@ -20,9 +20,9 @@ from cassie_lib.planning.sampling import initial_distribution, refit, sample, sh
 from cassie_lib.presets import CEMParameters
 from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
 
-MEANS = ("zero", "warm", "expert", "reference")
+MEANS = ("zero", "warm", "expert", "reference", "feedforward")
 #: Means that are read from a cycle of actions by phase.
-CYCLES = ("expert", "reference")
+CYCLES = ("expert", "reference", "feedforward")
 COVARIANCES = ("diagonal", "full")
 FILLS = ("repeat", "zero")
 
@@ -65,7 +65,8 @@ class CEM:
         parameters: :class:`cassie_lib.presets.CEMParameters`.
         action_cycle: Actions by phase, ``(28, 10)`` rad: entry p is the action taken at phase p.
             The expert's recorded ones for ``mean="expert"``, the reference gait's joint angles for
-            ``mean="reference"``; not used otherwise.
+            ``mean="reference"``, those and what the weight takes for ``mean="feedforward"``; not
+            used otherwise.
 
     Raises:
         ParameterError: If parameters contradict themselves or the action cycle is missing.

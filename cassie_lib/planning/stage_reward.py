@@ -14,8 +14,6 @@ from cassie_lib.robot.schema import PELVIS_HEIGHT
 
 LATERAL = ("position", "height")
 _LEAST_LIFT_M = 0.01  # of a reference that hardly steps
-#: A pelvis that is so much too low or high scores 0 in the height term, m.
-_HEIGHT_UNIT_M = 0.1
 
 
 class StageReward(Protocol):
@@ -49,13 +47,10 @@ class WalkingReward:
             about 0.9 on Eq 3.10, and a planner with the true dynamics finds that out; this term
             makes stepping pay.  Following the reference's joints does not: the expert's walk
             scores less on it than its stand.  0 is the thesis.
-        height_weight: Share of :func:`height_term`, 0 to 1.  Eq 3.10 does not look at the height
-            of the pelvis, and a planner sinks into its knees until it can no longer step.  0 is
-            the thesis.
 
     Raises:
         UnknownNameError: If ``lateral`` is neither of the two.
-        ParameterError: If a weight is out of range or both add up to more than 1.
+        ParameterError: If the weight is out of range.
     """
 
     def __init__(
@@ -64,17 +59,13 @@ class WalkingReward:
         lateral: str = "position",
         deadband: bool = False,
         foot_weight: float = 0.0,
-        height_weight: float = 0.0,
     ):
         if lateral not in LATERAL:
             raise unknown_name("lateral term", lateral, LATERAL)
-        for name, weight in (("foot_weight", foot_weight), ("height_weight", height_weight)):
-            if not 0.0 <= weight <= 1.0 - (foot_weight if name == "height_weight" else 0.0):
-                raise ParameterError(
-                    f"{name} is {weight}: expected 0 to 1, and no more than 1 with the other"
-                )
+        if not 0.0 <= foot_weight <= 1.0:
+            raise ParameterError(f"foot_weight is {foot_weight}: expected 0 to 1")
         self.gait, self.lateral, self.deadband = gait, lateral, deadband
-        self.foot_weight, self.height_weight = foot_weight, height_weight
+        self.foot_weight = foot_weight
         self._soles = SoleHeight() if foot_weight else None
         self._lift = torch.as_tensor(np.asarray(gait.foot_height_m), dtype=torch.float32)
         self._mean_lift = max(float(self._lift.mean()), _LEAST_LIFT_M)
@@ -89,13 +80,10 @@ class WalkingReward:
         if self.lateral == "height":
             lateral_m = states[..., PELVIS_HEIGHT.start] - self._height[index][:, None]
         plain = reward(states, reference, lateral_m=lateral_m, deadband=self.deadband)
-        total = (1.0 - self.foot_weight - self.height_weight) * plain
+        total = (1.0 - self.foot_weight) * plain
         if self._soles is not None:
             steps = foot_term(self._soles(states), self._lift[index][:, None], self._mean_lift)
             total = total + self.foot_weight * steps
-        if self.height_weight:
-            pelvis = states[..., PELVIS_HEIGHT.start]
-            total = total + self.height_weight * height_term(pelvis, self._height[index][:, None])
         return total
 
 
@@ -116,16 +104,3 @@ def foot_term(
         ``(...)``, at most 1.
     """
     return 1.0 - (foot_height_m - reference_m).abs().mean(dim=-1) / lift_m
-
-
-def height_term(height_m: torch.Tensor, reference_m: torch.Tensor) -> torch.Tensor:
-    """How closely the pelvis keeps the height of the reference's: 1 at it, 0 at 0.1 m from it.
-
-    Args:
-        height_m: ``(...)`` m.
-        reference_m: ``(...)`` m.
-
-    Returns:
-        ``(...)``, at most 1.
-    """
-    return 1.0 - (height_m - reference_m).abs() / _HEIGHT_UNIT_M

@@ -163,7 +163,7 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
 
 
 def playback_trial(preset: Preset) -> Trial:
-    """The feed-forward cycle played after the hand-over with no planner: what the mean alone does."""
+    """The feed-forward cycle played after the hand-over, with no planner."""
     alone = {
         "mean": "feedforward", "samples": 1, "elites": 1, "iterations": 1, "include_mean": True,
         "variance": (0.0,) * len(preset.cem.variance), "std_floor_rad": 0.0,

@@ -61,15 +61,16 @@ def grid_points(preset: Preset) -> list[Point]:
 
 
 def base_point(preset: Preset) -> Point:
-    """The point that the thesis chose, which is the preset's transformer.
+    """The point that the thesis chose; the preset's transformer if the grid lacks that.
 
     Raises:
-        ParameterError: If the grid does not contain it.
+        ParameterError: If the grid contains neither.
     """
-    chosen = tuple(getattr(preset.transformer, name) for name in FACTORS)
-    for point in grid_points(preset):
-        if point.values == chosen:
-            return point
+    points = {point.values: point for point in grid_points(preset)}
+    for parameters in (TransformerParameters(), preset.transformer):
+        chosen = tuple(getattr(parameters, name) for name in FACTORS)
+        if chosen in points:
+            return points[chosen]
     raise ParameterError(f"grid lacks {dict(zip(FACTORS, chosen, strict=True))}")
 
 

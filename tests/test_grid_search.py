@@ -19,7 +19,8 @@ def test_the_thesis_grid_has_243_points_and_holds_the_thesis_choice():
     assert len(points) == 243
     assert [point.number for point in points] == list(range(243))
     assert len({point.values for point in points}) == 243
-    assert grid_search.base_point(THESIS).values == (128, 30, 1e-4, 0.1, 1e-2)
+    for preset in (THESIS, presets.get_preset("laptop")):
+        assert grid_search.base_point(preset).values == (128, 30, 1e-4, 0.1, 1e-2)
 
 
 @pytest.mark.parametrize("name", ["smoke", "laptop", "thesis"])

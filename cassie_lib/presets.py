@@ -196,7 +196,7 @@ def _laptop() -> Preset:
         cem=CEMParameters(
             samples=128,
             elites=16,
-            iterations=3,
+            iterations=2,
             mean="feedforward",
             keep_best=True,
             include_mean=True,
@@ -205,8 +205,8 @@ def _laptop() -> Preset:
             terminal_value=True,
             foot_weight=0.1,
         ),
-        # Few samples close to the gait reference: the gradient does the work, and a plan that
-        # begins anew at every control step strays less into what the model has never seen.
+        # Few samples close to the mean: the gradient does the work, and a plan that begins anew at
+        # every control step strays less into what the model has never seen.
         gradient_cem=GradientCEMParameters(
             samples=8,
             elites=4,
@@ -225,7 +225,7 @@ def _laptop() -> Preset:
             foot_weight=0.1,
         ),
         dagger=DAggerParameters(
-            transitions=10_000, schedule=(1, 2, 9, 27, 27), pad_starts=True, training_steps=1500
+            transitions=10_000, schedule=(1, 2, 27), pad_starts=True, training_steps=1500
         ),
     )
 

@@ -1,9 +1,9 @@
-"""Trials of planners and the rounds of DAgger, each loaded or computed: pipeline.py, continued."""
+"""Trials of planners, each loaded or computed: pipeline.py, continued."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from cassie_lib import pipeline
 from cassie_lib.artifacts import Artifact, load_or_compute
-from cassie_lib.dagger import Round, Start, dagger_rounds
+from cassie_lib.dagger import Round
 from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.dynamics.store import load_causal
 from cassie_lib.errors import unknown_name
@@ -190,59 +190,15 @@ def oracle_trial(preset: Preset, planner: str) -> Trial:
     )  # fmt: skip
 
 
-def dagger_start(preset: Preset) -> Start:
-    """Round 0 of Algorithm 3: the causal model and what it was trained on."""
-    names = ("train", "wide")
-    return Start(
-        expert=pipeline.expert(preset),
-        model=causal_model(preset),
-        load_train=lambda: tuple(pipeline.transitions(preset, name) for name in names),
-        load_test=lambda: pipeline.transitions(preset, "test"),
-        artifacts=(
-            pipeline.expert_artifact(preset),
-            pipeline.causal_artifact(preset),
-            *(pipeline.pending_dataset(preset, name) for name in (*names, "test")),
-        ),
-    )
-
-
-def dagger(preset: Preset, *, rounds: int | None = None, decay: float | None = None) -> list[Round]:
-    """The rounds of Algorithm 3 with Gradient-CEM.
-
-    Args:
-        preset: The preset.
-        rounds: Only so many of the schedule's rounds.
-        decay: beta of section 6.2; default the preset's.
-    """
-    parameters = preset.dagger if decay is None else replace(preset.dagger, decay=decay)
-    return dagger_rounds(
-        dagger_start(preset), parameters, preset.gradient_cem, preset.simulation,
-        preset=preset.name, rounds=rounds,
-    )  # fmt: skip
-
-
-def round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
-    """Gradient-CEM before the first round and after each: round 0 first, the last one longest."""
-    found = [planner_trial(preset, "gradient_cem")]
-    for item in rounds:
-        last = item.index == len(preset.dagger.schedule)
-        steps = preset.evaluation.last_round_steps if last else None
-        found.append(planner_trial(preset, "gradient_cem", after=item, steps=steps))
-    return found
-
-
 __all__ = [
     "PLANNERS",
     "Trial",
     "baselines",
     "baselines_artifact",
     "causal_model",
-    "dagger",
-    "dagger_start",
     "mean_trials",
     "oracle_trial",
     "playback_trial",
     "planner_parameters",
     "planner_trial",
-    "round_trials",
 ]

@@ -46,6 +46,25 @@ def stages(stage_folder, artifact_folders, monkeypatch):
     )  # fmt: skip
 
 
+@pytest.fixture
+def asked(stages, monkeypatch):
+    """Notes what trials of planners ask for instead of running them."""
+    from types import SimpleNamespace
+
+    from cassie_lib import planner_pipeline
+
+    found = []
+
+    def note(stage, protocol, model, parameters, expert, **sources):
+        del expert
+        found.append(SimpleNamespace(stage=stage, protocol=protocol, model=model,
+                                     parameters=parameters, **sources))  # fmt: skip
+        return "episodes", "artifact"
+
+    monkeypatch.setattr(planner_pipeline, "evaluate", note)
+    return found
+
+
 @pytest.fixture(scope="session")
 def offline_run(tmp_path_factory):
     """Folder of a repository whose one notebook ran every stage, small, without any network."""

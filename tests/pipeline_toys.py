@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cassie_lib import pipeline, planner_pipeline
+from cassie_lib import dagger_pipeline, pipeline, planner_pipeline
 from cassie_lib.dynamics.store import load_model
 from cassie_lib.presets import CollectionParameters, SimulationParameters, get_preset, replace
 
@@ -31,7 +31,7 @@ LOADERS = {
     "transformer": lambda: load_model(pipeline.transformer_artifact(TINY).path, "transformer"),
     "causal": lambda: planner_pipeline.causal_model(TINY),
     "cem": lambda: planner_pipeline.planner_trial(TINY, "cem"),
-    "dagger": lambda: planner_pipeline.dagger(TINY, rounds=1),
+    "dagger": lambda: dagger_pipeline.dagger(TINY, rounds=1),
 }
 ARTIFACTS = {
     "expert": lambda: pipeline.expert_artifact(TINY),
@@ -41,7 +41,7 @@ ARTIFACTS = {
     "transformer": lambda: pipeline.transformer_artifact(TINY),
     "causal": lambda: pipeline.causal_artifact(TINY),
     "cem": lambda: planner_pipeline.planner_trial(TINY, "cem").artifact,
-    "dagger": lambda: planner_pipeline.dagger(TINY, rounds=1)[0].artifact,
+    "dagger": lambda: dagger_pipeline.dagger(TINY, rounds=1)[0].artifact,
 }
 
 

@@ -10,7 +10,7 @@ from artifact_toys import damage_cut, damage_empty, damage_flip, damage_remove
 from damage_toys import MAIN_FILE, content, edit_manifest, refused, swap
 from pipeline_toys import LOADERS, TINY
 
-from cassie_lib import paths, pipeline, planner_pipeline
+from cassie_lib import dagger_pipeline, paths, pipeline, planner_pipeline
 from cassie_lib.artifacts import stages
 from cassie_lib.errors import ArtifactError
 from cassie_lib.presets import replace
@@ -106,7 +106,7 @@ CHANGES = {
     "transformer": lambda: pipeline.transformer_artifact(changed("transformer", dropout=0.3)),
     "causal": lambda: pipeline.causal_artifact(changed("causal", context=7)),
     "cem": lambda: planner_pipeline.planner_trial(TINY, "cem", steps=11),
-    "dagger": lambda: planner_pipeline.dagger(changed("dagger", decay=0.5), rounds=1),
+    "dagger": lambda: dagger_pipeline.dagger(changed("dagger", decay=0.5), rounds=1),
 }
 
 

@@ -16,7 +16,7 @@ errors paths files code_version parameters presets logs checkpoints intervals ar
 robot reward gait recorded_gait simulator environment physics_checks
 controllers recording walking walking_report
 expert data dynamics planning dagger
-expert_pipeline data_pipeline pipeline planner_pipeline grid_search
+expert_pipeline data_pipeline pipeline planner_pipeline dagger_pipeline grid_search
 stamps results figures video plots transformer_claims gallery notebook_run batch
 """.split()
 WITHOUT_TORCH = """

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -17,21 +15,6 @@ from cassie_lib.planning.feedforward import feedforward_cycle
 from cassie_lib.planning.oracle import OracleModel
 from cassie_lib.presets import get_preset, replace
 from cassie_lib.walking import run_episodes
-
-
-@pytest.fixture
-def asked(stages, monkeypatch):
-    """Notes what trials ask for instead of running them."""
-    found = []
-
-    def note(stage, protocol, model, parameters, expert, **sources):
-        del expert
-        found.append(SimpleNamespace(stage=stage, protocol=protocol, model=model,
-                                     parameters=parameters, **sources))  # fmt: skip
-        return "episodes", "artifact"
-
-    monkeypatch.setattr(planners, "evaluate", note)
-    return found
 
 
 def test_a_trial_runs_the_planner_on_the_stored_model_once(stages):
@@ -116,38 +99,6 @@ def test_oracle_trials_are_smaller_and_depend_on_no_model(stages, asked):
         assert isinstance(item.model, OracleModel)
         assert item.model.context == stages.causal.context
         assert [source.stage for source in item.upstream] == ["expert"]
-
-
-def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, asked):
-    rounds = [SimpleNamespace(index=i, model=f"model {i}", artifact=f"round {i}") for i in (1, 2)]
-    planners.round_trials(stages, rounds)
-    before, first, last = asked
-    assert (before.stage, first.stage, last.stage) == ("gradient_cem", "dagger", "dagger")
-    assert (first.model, last.model) == ("model 1", "model 2")
-    assert last.upstream[1] == "round 2"
-    assert before.upstream[1].stage == "causal"
-    assert [item.protocol.steps for item in asked] == [30, 30, 100]
-    asked.clear()
-    planners.round_trials(stages, rounds[:1])
-    assert asked[-1].protocol.steps == 30, "the schedule is not finished"
-
-
-def test_dagger_begins_with_what_the_model_was_made_of(stages):
-    start = planners.dagger_start(stages)
-    kinds = [item.stage for item in start.artifacts]
-    assert kinds == ["expert", "causal", "data", "data", "data"]
-    for found, name in zip((*start.train, start.test), ("train", "wide", "test"), strict=True):
-        np.testing.assert_array_equal(found.states, pipeline.dataset(stages, name).states)
-
-
-def test_one_round_is_run_and_found_again(stages):
-    (found,) = planners.dagger(stages, rounds=1)
-    assert (found.index, found.planner_steps) == (1, 1)
-    assert found.report["counts"]["transitions"] == stages.dagger.transitions
-    (again,) = planners.dagger(stages, rounds=1)
-    assert again.artifact.from_cache
-    (decayed,) = planners.dagger(stages, rounds=1, decay=0.5)
-    assert decayed.artifact.key != found.artifact.key
 
 
 SMOKE = get_preset("smoke")

@@ -111,19 +111,25 @@ def test_record_holds_median_interval_seeds_verdict_and_time(provenance):
 
 
 @pytest.mark.parametrize(
-    ("after", "verdict"),
-    [([60, 70, 90, 95], "reproduced"), ([10, 40, 60, 90], "not reproduced")],
+    ("before", "after", "verdict"),
+    [
+        ([20, 40, 50, 60], [60, 70, 90, 95], "reproduced"),
+        ([20, 40, 50, 60], [10, 40, 60, 90], "not reproduced"),
+        ([200] * 4, [200] * 4, "not comparable"),
+        ([200] * 4, [90] * 4, "not reproduced"),
+    ],
 )
-def test_gain_compares_the_same_seeds(after, verdict, provenance):
-    before, later = trial([20, 40, 50, 60]), trial(after)
-    gain = numbers.improvement(before, later)
-    assert gain[0] == np.median(np.subtract(after, [20, 40, 50, 60]))
+def test_gain_compares_the_same_seeds(before, after, verdict, provenance):
+    first, later = trial(before), trial(after)
+    gain = numbers.improvement(first, later)
+    assert gain[0] == np.median(np.subtract(after, before))
     assert gain[1] <= gain[0] <= gain[2]
-    numbers.record_gain("08-toy", "Figure 5.8", gain, later, provenance)
+    line = numbers.record_gain("08-toy", "Figure 5.8", "gain", first, later, provenance)
     (record,) = stored()
     assert (record["value"], *record["interval"]) == gain
     assert record["verdict"] == verdict
-    assert bool(record["reason"]) == (verdict == "not reproduced")
+    assert bool(record["reason"]) == (verdict != "reproduced")
+    assert record["reason"] in line
 
 
 def test_gain_refuses_other_seeds():

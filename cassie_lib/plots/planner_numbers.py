@@ -135,27 +135,38 @@ def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float,
 def record_gain(
     claim_id: str,
     figure: str,
-    gain: tuple[float, float, float],
-    found: PlannedEpisodes,
+    claim: str,
+    before: PlannedEpisodes,
+    after: PlannedEpisodes,
     provenance: Provenance,
-) -> None:
-    """Record what retraining gained: reproduced when the whole interval is above zero.
+) -> str:
+    """Record what retraining gained in planner-only steps of the same seeds.
+
+    Reproduced when the whole interval is above zero; not comparable when no robot had fallen
+    before the retraining either, so that there was nothing to gain.
 
     Args:
-        claim_id: As for ``record_result``.
-        figure: As for ``record_result``.
-        gain: Of :func:`improvement`.
-        found: The episodes after retraining, for seeds and protocol.
+        claim_id, figure, claim: As for ``record_result``.
+        before: Episodes on the model before retraining.
+        after: Episodes of the same length on the retrained model.
         provenance: Of the notebook.
+
+    Returns:
+        One line for the reader.
     """
-    median, low, high = gain
+    median, low, high = improvement(before, after)
+    verdict, reason = "reproduced", ""
+    if low <= 0:
+        verdict, reason = "not reproduced", "the interval of the gain reaches zero"
+        if median == 0 and not before.recording.fell.any():
+            verdict, reason = "not comparable", "nothing to gain: no seed falls in round 0 either"
     record_result(
-        claim_id, figure, provenance.preset, median, (low, high), len(found.planner_steps),
-        found.recording.protocol, sum(item.wall_time_s for item in provenance.artifacts),
-        "126 to 155", "reproduced" if low > 0 else "not reproduced",
-        claim="gain in planner-only steps by retraining, same seeds", unit="steps",
-        reason="" if low > 0 else "the interval of the gain reaches zero",
+        claim_id, figure, provenance.preset, median, (low, high), len(after.planner_steps),
+        after.recording.protocol, sum(item.wall_time_s for item in provenance.artifacts),
+        "126 to 155", verdict, claim=claim, unit="steps", reason=reason,
     )  # fmt: skip
+    reason = reason and f" ({reason})"
+    return f"{claim}: {median:+g} (95 % interval {low:+g} to {high:+g}): {verdict}{reason}"
 
 
 def steps_table(trials: Mapping[str, PlannedEpisodes], limit: int = 0):

@@ -64,8 +64,13 @@ def bare_round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
     ]
 
 
-def hard_trials(preset: Preset, after: Round | None, push_Ns: float) -> dict[str, Trial]:
-    """Longer trials of Gradient-CEM without any expert (context padded with s0) and with a push.
+def padded_trial(preset: Preset, after: Round | None) -> Trial:
+    """Gradient-CEM without any expert: the context begins as copies of s0."""
+    return planner_trial(preset, "gradient_cem", after=after, start="padded")
+
+
+def pushed_trial(preset: Preset, after: Round | None, push_Ns: float) -> Trial:
+    """Longer episodes of Gradient-CEM with a push.
 
     Args:
         preset: The preset.
@@ -73,11 +78,14 @@ def hard_trials(preset: Preset, after: Round | None, push_Ns: float) -> dict[str
         push_Ns: Sideways impulse on the pelvis at control step 200, N s.
     """
     steps = preset.evaluation.steps
-    changes = {"no expert at all": {"start": "padded"}, "with a push": {"push_Ns": push_Ns}}
-    return {
-        name: planner_trial(preset, "gradient_cem", after=after, steps=steps, **protocol)
-        for name, protocol in changes.items()
-    }
+    return planner_trial(preset, "gradient_cem", after=after, steps=steps, push_Ns=push_Ns)
 
 
-__all__ = ["bare_round_trials", "dagger", "dagger_start", "hard_trials", "round_trials"]
+__all__ = [
+    "bare_round_trials",
+    "dagger",
+    "dagger_start",
+    "padded_trial",
+    "pushed_trial",
+    "round_trials",
+]

@@ -57,7 +57,7 @@ def mlp_artifact(preset: Preset, *, curriculum: bool = False, seed: int | None =
 
     return load_or_compute(
         "mlp", {"mlp": parameters, "curriculum": curriculum}, compute, upstream, preset=preset.name,
-        seed=parameters.seed, kept=True,
+        seed=parameters.seed,
     )  # fmt: skip
 
 

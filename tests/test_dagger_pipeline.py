@@ -36,13 +36,15 @@ def test_without_the_feedforward_every_round_is_tried_for_the_same_length(stages
     assert {item.protocol.steps for item in asked} == {stages.evaluation.ablation_steps}
 
 
-def test_hard_trials_have_no_expert_or_a_push(stages, asked, rounds):
-    dagger_pipeline.hard_trials(stages, None, 20.0)
-    dagger_pipeline.hard_trials(stages, rounds[1], 30.0)
+def test_padded_trials_have_no_expert_and_pushed_ones_a_push(stages, asked, rounds):
+    dagger_pipeline.padded_trial(stages, rounds[1])
+    dagger_pipeline.pushed_trial(stages, None, 20.0)
+    dagger_pipeline.pushed_trial(stages, rounds[1], 30.0)
     found = [(item.protocol.start, item.protocol.push_Ns) for item in asked]
-    assert found == [("padded", 0.0), ("handover", 20.0), ("padded", 0.0), ("handover", 30.0)]
-    assert [item.stage for item in asked] == ["gradient_cem"] * 2 + ["dagger"] * 2
-    assert {item.protocol.steps for item in asked} == {stages.evaluation.steps}
+    assert found == [("padded", 0.0), ("handover", 20.0), ("handover", 30.0)]
+    assert [item.stage for item in asked] == ["dagger", "gradient_cem", "dagger"]
+    sizes = stages.evaluation
+    assert [item.protocol.steps for item in asked] == [sizes.planner_steps, sizes.steps, sizes.steps]
 
 
 def test_dagger_begins_with_what_the_model_was_made_of(stages):

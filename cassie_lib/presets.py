@@ -225,7 +225,11 @@ def _laptop() -> Preset:
             foot_weight=0.1,
         ),
         dagger=DAggerParameters(
-            transitions=10_000, schedule=(1, 2, 27), pad_starts=True, training_steps=1500
+            transitions=10_000,
+            schedule=(1, 2, 27),
+            pad_starts=True,
+            training_steps=1000,
+            learning_rate=1e-4,
         ),
     )
 

@@ -43,8 +43,9 @@ def test_padded_trials_have_no_expert_and_pushed_ones_a_push(stages, asked, roun
     found = [(item.protocol.start, item.protocol.push_Ns) for item in asked]
     assert found == [("padded", 0.0), ("handover", 20.0), ("handover", 30.0)]
     assert [item.stage for item in asked] == ["dagger", "gradient_cem", "dagger"]
-    sizes = stages.evaluation
-    assert [item.protocol.steps for item in asked] == [sizes.planner_steps, sizes.steps, sizes.steps]
+    long = stages.evaluation.steps
+    lengths = [item.protocol.steps for item in asked]
+    assert lengths == [stages.evaluation.planner_steps, long, long]
 
 
 def test_dagger_begins_with_what_the_model_was_made_of(stages):

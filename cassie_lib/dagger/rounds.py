@@ -191,6 +191,7 @@ def _retrain(folder: Path, index, model, start: Start, before: list[Round], para
         model.parameters_,
         steps=parameters.training_steps,
         learning_rate=parameters.learning_rate,
+        rollout_share=parameters.rollout_share,
         max_minutes=parameters.minutes_per_round,
         seed=parameters.seed + index,
     )

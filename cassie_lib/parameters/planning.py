@@ -57,6 +57,7 @@ class DAggerParameters:
     pad_starts: bool = False  # episodes begin with the context of a start without expert
     training_steps: int = 20_000  # optimiser steps per round
     learning_rate: float = 3e-4  # peak of each retraining
+    rollout_share: float = 0.4  # last part of a retraining, on tau-step predictions
     minutes_per_round: float = 0.0  # training budget; 0: no limit
     seed: int = 0
 

@@ -1,6 +1,6 @@
 """PD targets with which a reference gait carries its weight: inverse dynamics of the cycle.
 
-A PD drive holds a load only by lagging behind its target, by 0.3 rad at the hip roll and 0.8 rad
+A PD drive holds a load only by lagging behind its target, by 0.45 rad at the hip roll and 0.9 rad
 at the knee of the standing leg, and its damping acts against the reference's own velocity.  Plans
 that begin at the reference's joint angles must find all of that anew at every control step; plans
 that begin here need corrections only.  Nothing learned goes in: neither policy nor model.

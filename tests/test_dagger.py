@@ -215,6 +215,23 @@ def test_rounds_retrain_and_are_loaded_again(start, cache):
     assert all(item.artifact.from_cache for item in longer)
 
 
+def test_retraining_has_its_own_budget_rate_and_share_of_rollouts(start, cache, monkeypatch):
+    train, asked = rounds.train_causal, []
+
+    def noted(sources, settings, **options):
+        asked.append((settings, options["initial"]))
+        return train(sources, settings, **options)
+
+    monkeypatch.setattr(rounds, "train_causal", noted)
+    changes = {"training_steps": 4, "learning_rate": 2e-4, "rollout_share": 1.0}
+    first = run(start, replace(PARAMETERS, **changes))[0]
+    for settings, _ in asked:
+        found = (settings.steps, settings.learning_rate, settings.rollout_share)
+        assert found == tuple(changes.values())
+    assert asked[0][1] is start.model
+    assert torch.equal(asked[1][1].head.weight, first.model.head.weight)
+
+
 def test_killed_round_goes_on_where_it_was(start, cache, monkeypatch):
     whole = run(start, rounds=1)[0]
     monkeypatch.setattr(paths, "CACHE", cache / "other")

@@ -105,6 +105,7 @@ def plot_progress(
     data = {label: _steps_panel(axes[0], label, trials, place)
             for place, (label, trials) in enumerate(runs.items())}  # fmt: skip
     axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
+    axes[0].plot([], [], "^", color="black", ms=4, mfc="white", label="trial ended first")
     axes[0].set(yscale="symlog", xlabel="round", title="planner-only steps")
     axes[0].set_ylim(0, 2 * axes[0].get_ylim()[1])
     axes[0].legend(fontsize=6.5)
@@ -128,7 +129,7 @@ def plot_progress(
 
 
 def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes], place: int):
-    """Median, interval and seeds of planner-only steps against the round."""
+    """Median, interval and seeds of planner-only steps; a triangle where the trial ended first."""
     tone, shift = list(COLOURS.values())[place], 0.12 * place
     numbers = np.arange(len(trials)) + shift
     steps = [found.planner_steps for found in trials]
@@ -138,7 +139,11 @@ def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes], place:
         ax.plot(np.full(len(values), number), values, ".", color=tone, ms=3, alpha=0.35)
     ax.errorbar(numbers, middle, np.abs(bounds - middle), fmt="-o" if place == 0 else "--s",
                 color=tone, capsize=3, ms=4, label=label)  # fmt: skip
-    return {"round": np.arange(len(trials)), "median": middle, "low": bounds[0], "high": bounds[1]}
+    ends = np.array([t.recording.actions.shape[1] - t.log.handover_step for t in trials])
+    lasting = middle >= ends
+    ax.plot(numbers[lasting], 1.6 * middle[lasting], "^", color=tone, ms=4, mfc="white")
+    return {"round": np.arange(len(trials)), "median": middle, "low": bounds[0], "high": bounds[1],
+            "trial_ends_after": ends}  # fmt: skip
 
 
 def longest(found: PlannedEpisodes) -> int:

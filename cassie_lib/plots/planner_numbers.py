@@ -158,6 +158,8 @@ def record_gain(
     verdict, reason = "reproduced", ""
     if low <= 0:
         verdict, reason = "not reproduced", "the interval of the gain reaches zero"
+        if high < 0:
+            reason = "retraining cost steps"
         if median == 0 and not before.recording.fell.any():
             verdict, reason = "not comparable", "nothing to gain: no seed falls in round 0 either"
     record_result(

@@ -69,15 +69,18 @@ def padded_trial(preset: Preset, after: Round | None) -> Trial:
     return planner_trial(preset, "gradient_cem", after=after, start="padded")
 
 
-def pushed_trial(preset: Preset, after: Round | None, push_Ns: float) -> Trial:
+def pushed_trial(
+    preset: Preset, after: Round | None, push_Ns: float, *, short: bool = False
+) -> Trial:
     """Longer episodes of Gradient-CEM with a push.
 
     Args:
         preset: The preset.
         after: Round whose model is used; None for the model before all rounds.
         push_Ns: Sideways impulse on the pelvis at control step 200, N s.
+        short: Only as many steps as the expert's trials with a push.
     """
-    steps = preset.evaluation.steps
+    steps = preset.evaluation.short_steps if short else preset.evaluation.steps
     return planner_trial(preset, "gradient_cem", after=after, steps=steps, push_Ns=push_Ns)
 
 

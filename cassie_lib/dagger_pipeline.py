@@ -64,31 +64,4 @@ def bare_round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
     ]
 
 
-def padded_trial(preset: Preset, after: Round | None) -> Trial:
-    """Gradient-CEM without any expert: the context begins as copies of s0."""
-    return planner_trial(preset, "gradient_cem", after=after, start="padded")
-
-
-def pushed_trial(
-    preset: Preset, after: Round | None, push_Ns: float, *, short: bool = False
-) -> Trial:
-    """Longer episodes of Gradient-CEM with a push.
-
-    Args:
-        preset: The preset.
-        after: Round whose model is used; None for the model before all rounds.
-        push_Ns: Sideways impulse on the pelvis at control step 200, N s.
-        short: Only as many steps as the expert's trials with a push.
-    """
-    steps = preset.evaluation.short_steps if short else preset.evaluation.steps
-    return planner_trial(preset, "gradient_cem", after=after, steps=steps, push_Ns=push_Ns)
-
-
-__all__ = [
-    "bare_round_trials",
-    "dagger",
-    "dagger_start",
-    "padded_trial",
-    "pushed_trial",
-    "round_trials",
-]
+__all__ = ["bare_round_trials", "dagger", "dagger_start", "round_trials"]

@@ -61,10 +61,12 @@ class Provenance:
         Args:
             preset: Name of the preset.
             seeds: The seeds, or a single one.
-            artifacts: What was used; pending ones that nobody has needed are left out.
+            artifacts: What was used; each counts once, however often it is named, and pending ones
+                that nobody has needed are left out.
         """
         numbers = (seeds,) if isinstance(seeds, int) else tuple(int(seed) for seed in seeds)
-        return cls(preset, numbers, tuple(a for item in artifacts if (a := item.at_hand())))
+        used = {found.name: found for item in artifacts if (found := item.at_hand())}
+        return cls(preset, numbers, tuple(used.values()))
 
     @property
     def notices(self) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ def test_damaged_data_is_told_even_if_only_the_model_is_loaded():
 def test_a_figures_provenance_names_it_once_it_has_been_needed():
     pending = Pending("data", Parameters(), Counted())
     trained = make(stage="mlp")
-    assert Provenance.of("smoke", 0, [pending, trained]).artifacts == (trained,)
+    assert Provenance.of("smoke", 0, [pending, trained, trained]).artifacts == (trained,)
     pending.get()
     assert [item.name for item in Provenance.of("smoke", 0, [pending]).artifacts] == [pending.name]
 

@@ -36,19 +36,6 @@ def test_without_the_feedforward_every_round_is_tried_for_the_same_length(stages
     assert {item.protocol.steps for item in asked} == {stages.evaluation.ablation_steps}
 
 
-def test_padded_trials_have_no_expert_and_pushed_ones_a_push(stages, asked, rounds):
-    dagger_pipeline.padded_trial(stages, rounds[1])
-    dagger_pipeline.pushed_trial(stages, None, 20.0)
-    dagger_pipeline.pushed_trial(stages, rounds[1], 30.0)
-    dagger_pipeline.pushed_trial(stages, None, 40.0, short=True)
-    found = [(item.protocol.start, item.protocol.push_Ns) for item in asked]
-    assert found == [("padded", 0.0), *(("handover", push) for push in (20.0, 30.0, 40.0))]
-    assert [item.stage for item in asked] == ["dagger", "gradient_cem"] * 2
-    long = stages.evaluation.steps
-    lengths = [item.protocol.steps for item in asked]
-    assert lengths == [stages.evaluation.planner_steps, long, long, stages.evaluation.short_steps]
-
-
 def test_dagger_begins_with_what_the_model_was_made_of(stages):
     start = dagger_pipeline.dagger_start(stages)
     kinds = [item.stage for item in start.artifacts]

@@ -117,6 +117,7 @@ def test_record_holds_median_interval_seeds_verdict_and_time(provenance):
         ([20, 40, 50, 60], [10, 40, 60, 90], "not reproduced"),
         ([200] * 4, [200] * 4, "not comparable"),
         ([200] * 4, [90] * 4, "not reproduced"),
+        ([200] * 4, [90, 200, 200, 200], "not reproduced"),
     ],
 )
 def test_gain_compares_the_same_seeds(before, after, verdict, provenance):

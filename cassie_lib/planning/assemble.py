@@ -65,8 +65,8 @@ def expert_cycle(
 def reference_cycle(reference: gait.GaitReference) -> np.ndarray:
     """The reference gait's joint angles as actions by phase: targets of the PD drive.
 
-    The drive sags under the robot's weight; :func:`~cassie_lib.planning.feedforward_cycle` makes
-    up for it.
+    The drive sags under the robot's weight;
+    :func:`~cassie_lib.planning.feedforward.feedforward_cycle` makes up for it.
 
     Returns:
         ``(28, 10)`` rad: entry p is the action taken at phase p, the pose of phase p + 1.

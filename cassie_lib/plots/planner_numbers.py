@@ -142,8 +142,8 @@ def record_gain(
 ) -> str:
     """Record what retraining gained in planner-only steps of the same seeds.
 
-    Reproduced when the whole interval is above zero; not comparable when no robot had fallen
-    before the retraining either, so that there was nothing to gain.
+    Reproduced when the whole interval is above zero; not comparable when no robot falls before or
+    after the retraining, so that there was nothing to gain.
 
     Args:
         claim_id, figure, claim: As for ``record_result``.
@@ -160,7 +160,7 @@ def record_gain(
         verdict, reason = "not reproduced", "the interval of the gain reaches zero"
         if high < 0:
             reason = "retraining cost steps"
-        if median == 0 and not before.recording.fell.any():
+        if not (before.recording.fell.any() or after.recording.fell.any()):
             verdict, reason = "not comparable", "nothing to gain: no seed falls in round 0 either"
     record_result(
         claim_id, figure, provenance.preset, median, (low, high), len(after.planner_steps),

@@ -4,10 +4,7 @@ A planner differentiates a rollout of a few candidates many times in one control
 size automatic differentiation spends most of its time on bookkeeping, not on arithmetic; with the
 weights fixed only the gradient in the actions is needed, and the chain rule through one layer is
 short.  Same numbers as :meth:`CausalModel.rollout` (tested), a multiple of its speed.
-
-Rows are candidates: R = E * N.  Keys and values of the candidates' own steps lie in buffers
-``(T, E * heads * N, d)``, so that nothing is copied when a step is added; with so few keys the
-products are faster element by element than as a thousand tiny matrices.
+Rows are candidates: R = E * N.
 """
 
 from __future__ import annotations
@@ -18,124 +15,11 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from cassie_lib.dynamics.adjoint_layers import Layer, Norm, Workspace
 from cassie_lib.dynamics.model import complete_state, known_components
 from cassie_lib.robot import schema
 
 _aten = torch.ops.aten
-
-
-class _Norm:
-    """Layer normalisation that remembers what its gradient needs."""
-
-    def __init__(self, norm: torch.nn.LayerNorm) -> None:
-        self.arguments = (list(norm.normalized_shape), norm.weight, norm.bias)
-        self.epsilon = norm.eps
-
-    def forward(self, x: Tensor, saved: list) -> Tensor:
-        y, mean, rstd = _aten.native_layer_norm(x, *self.arguments, self.epsilon)
-        saved.append((x, mean, rstd))
-        return y
-
-    def backward(self, gradient: Tensor, saved: list) -> Tensor:
-        x, mean, rstd = saved.pop()
-        shape, weight, bias = self.arguments
-        return _aten.native_layer_norm_backward(
-            gradient, x, shape, mean, rstd, weight, bias, [True, False, False]
-        )[0]
-
-
-class _Layer:
-    """One transformer block, a step at a time, over E * N rows.
-
-    Args:
-        block: Weights.
-        keys, values: History ``(E, heads, M, d)``.
-        candidates: N.
-        steps: T.
-    """
-
-    def __init__(self, block, keys: Tensor, values: Tensor, candidates: int, steps: int) -> None:
-        episodes, heads, past, size = keys.shape
-        self.block, self.shape = block, (episodes, candidates, heads, size)
-        self.keys, self.values = keys.flatten(0, 1), values.flatten(0, 1)
-        rows = episodes * heads * candidates
-        self.own_keys = keys.new_empty(steps, rows, size)
-        self.own_values = keys.new_empty(steps, rows, size)
-        self.past = past
-        self.norms = _Norm(block.norm_attention), _Norm(block.norm_feedforward)
-        ahead = torch.arange(past + steps, device=keys.device).flip(0)
-        # Step s uses the entries from steps - 1 - s on: oldest key first, the query itself last.
-        bias = block.bias(ahead).repeat(episodes, 1)[:, None]
-        self.bias = bias
-        self.steps = steps
-        self.saved: list[Any] = []
-        self.key_gradient = self.value_gradient = keys.new_empty(0)  # made by backward
-
-    def _heads(self, rows: Tensor, parts: int = 1) -> Tensor:
-        """Rows ``(R, parts * heads * d)`` to ``(parts, E * heads, N, d)``, contiguous."""
-        episodes, candidates, heads, size = self.shape
-        split = rows.view(episodes, candidates, parts, heads, size).permute(2, 0, 3, 1, 4)
-        return split.contiguous().view(parts, episodes * heads, candidates, size)
-
-    def _rows(self, split: Tensor, parts: int = 1) -> Tensor:
-        """The inverse of :meth:`_heads`."""
-        episodes, candidates, heads, size = self.shape
-        split = split.view(parts, episodes, heads, candidates, size).permute(1, 3, 0, 2, 4)
-        return split.reshape(episodes * candidates, parts * heads * size)
-
-    def _recent(self, scores: Tensor) -> Tensor:
-        """Own part of scores ``(E * heads, N, M + J)``, as ``(J, E * heads * N, 1)``."""
-        return scores[..., self.past :].permute(2, 0, 1).reshape(-1, self.own_keys.shape[1], 1)
-
-    def forward(self, x: Tensor, step: int) -> Tensor:
-        """Rows ``(R, size)`` of one step."""
-        block, saved = self.block, self.saved
-        projected = block.projection(self.norms[0].forward(x, saved))
-        q, k, v = self._heads(projected, 3).unbind(0)
-        flat, first = q.view(-1, q.shape[-1]), self.steps - 1 - step
-        self.own_keys[step], self.own_values[step] = k.view_as(flat), v.view_as(flat)
-        past_bias, own_bias = self.bias[..., first:].split((self.past, step + 1), dim=-1)
-        shared = torch.baddbmm(past_bias, q, self.keys.transpose(1, 2), alpha=block.scale)
-        own = (self.own_keys[: step + 1] * (flat * block.scale)).sum(-1)
-        own = own.view(step + 1, *q.shape[:2]).permute(1, 2, 0) + own_bias
-        weights = torch.cat([shared, own], dim=-1).softmax(dim=-1)
-        recent = self._recent(weights) * self.own_values[: step + 1]
-        attended = torch.bmm(weights[..., : self.past], self.values)
-        attended += recent.sum(0).view_as(attended)
-        x = x + block.output(self._rows(attended))
-        hidden = block.expand(self.norms[1].forward(x, saved))
-        saved.append((q, weights, hidden))
-        return x + block.contract(torch.nn.functional.gelu(hidden))
-
-    def backward(self, gradient: Tensor, step: int) -> Tensor:
-        """Gradient in the input rows from that in the output rows; steps in reverse order."""
-        block = self.block
-        q, weights, hidden = self.saved.pop()
-        inner = _aten.gelu_backward(gradient @ block.contract.weight, hidden)
-        gradient = gradient + self.norms[1].backward(inner @ block.expand.weight, self.saved)
-        attended = self._heads(gradient @ block.output.weight)[0]
-        projected = self._attention_backward(attended, q, weights, step) @ block.projection.weight
-        return gradient + self.norms[0].backward(projected, self.saved)
-
-    def _attention_backward(self, g: Tensor, q: Tensor, weights: Tensor, step: int) -> Tensor:
-        """Gradient ``(R, 3 * size)`` in queries, keys and values of the step."""
-        if not len(self.key_gradient):
-            self.key_gradient = torch.zeros_like(self.own_keys)
-            self.value_gradient = torch.zeros_like(self.own_values)
-        scale, seen = self.block.scale, slice(0, step + 1)
-        flat, incoming = q.view(-1, q.shape[-1]), g.view(-1, q.shape[-1])
-        self.value_gradient[seen].addcmul_(self._recent(weights), incoming)
-        own = (self.own_values[seen] * incoming).sum(-1).view(step + 1, *q.shape[:2])
-        shared = torch.bmm(g, self.values.transpose(1, 2))
-        scores = _aten._softmax_backward_data(
-            torch.cat([shared, own.permute(1, 2, 0)], dim=-1), weights, -1, weights.dtype
-        )
-        own = self._recent(scores)
-        self.key_gradient[seen].addcmul_(own, flat, value=scale)
-        query = torch.bmm(scores[..., : self.past], self.keys)
-        query = (query + (own * self.own_keys[seen]).sum(0).view_as(query)) * scale
-        grown = [part[step].view_as(q) for part in (self.key_gradient, self.value_gradient)]
-        return self._rows(torch.stack([query, *grown]), 3)
 
 
 class _Tape:
@@ -144,13 +28,14 @@ class _Tape:
     def __init__(self, model, encoded, candidates: int, steps: int) -> None:
         self.model, self.encoded = model, encoded
         self.candidates, self.steps = candidates, steps
+        self.space = Workspace(encoded.now)
         self.layers = [
-            _Layer(block, keys, values, candidates, steps)
+            Layer(block, keys, values, candidates, steps, self.space)
             for block, keys, values in zip(
                 model.blocks, encoded.keys, encoded.values, strict=True
             )
         ]
-        self.norm = _Norm(model.norm)
+        self.norm = Norm(model.norm, self.space)
         self.saved: list[Any] = []
 
     def forward(self, actions: Tensor, keep: bool) -> Tensor:
@@ -164,20 +49,18 @@ class _Tape:
         for step in range(self.steps):
             inputs = model.normalisation.states(state)[:, : model.state_inputs]
             pair = torch.cat([inputs, scaled[:, step]], dim=-1)
-            direct, hidden = model.embed(pair).split(model.embed_split, dim=-1)
-            x = direct + model.embed_output(torch.nn.functional.gelu(hidden))
+            embedded = model.embed(pair) if keep else self.space.linear(model.embed, pair, "hidden")
+            direct, hidden = embedded.split(model.embed_split, dim=-1)
+            x = direct + self.space.feedforward(hidden, model.embed_output)
             for layer in self.layers:
-                x = layer.forward(x, step)
-            difference = model.normalisation.to_differences(
-                model.head(self.norm.forward(x, self.saved))
-            )
+                x = layer.forward(x, step, keep)
+            normed = self.norm.forward(x, self.saved if keep else None)
+            difference = model.normalisation.to_differences(model.head(normed))
             moved = state[:, schema.PELVIS_ORIENTATION] + difference[:, schema.PELVIS_ORIENTATION]
             state = complete_state(state, difference, known[:, step])
-            self.saved.append((hidden, moved, state))
             states.append(state)
-            if not keep:
-                for saved in (self.saved, *(layer.saved for layer in self.layers)):
-                    saved.clear()
+            if keep:
+                self.saved.append((hidden, moved, state))
         return torch.stack(states, dim=1)
 
     def backward(self, gradient: Tensor) -> Tensor:

@@ -114,9 +114,8 @@ def test_kept_artifacts_are_found_without_a_cache():
 
 def test_changed_code_is_told_in_the_notice(monkeypatch):
     make()
-    code = store.code_fingerprint(("data", "simulator"))
-    changed = {**code, "simulator.py": "0" * 16}
-    monkeypatch.setattr("cassie_lib.artifacts.manifest.code_fingerprint", lambda modules: changed)
+    changed = {**stages.code_fingerprint(("data", "simulator")), "simulator.py": "0" * 16}
+    monkeypatch.setattr(stages, "code_fingerprint", lambda modules: changed)
     artifact = make()
     assert artifact.from_cache
     assert "simulator.py" in artifact.notice[0]
@@ -134,6 +133,20 @@ def test_the_batch_runner_learns_which_artifacts_were_used(tmp_path, monkeypatch
 def test_every_stage_names_modules_that_exist(stage):
     for module in stages.STAGES[stage].modules:
         assert code_fingerprint((module,)), f"{module} has no source file"
+    whole = code_fingerprint(stages.STAGES[stage].modules)
+    assert set(stages.STAGES[stage].without) <= set(whole), "left out of what it is not in"
+    assert whole.keys() - stages.STAGES[stage].code().keys() == set(stages.STAGES[stage].without)
+
+
+def test_code_without_a_part_in_a_stage_causes_no_notice(monkeypatch):
+    frozen = "dynamics/adjoint.py"
+    causal, planner = make(stage="causal"), make(stage="cem")
+    changed = {**stages.code_fingerprint(("data", "dynamics")), frozen: "0" * 16}
+    monkeypatch.setattr(stages, "code_fingerprint", lambda modules: changed)
+    assert stages.STAGES["causal"].code().keys().isdisjoint({frozen})
+    assert make(stage="causal").notice == causal.notice == ()
+    assert planner.notice == ()
+    assert frozen in make(stage="cem").notice[0]
 
 
 def test_fingerprint_ignores_words_and_sees_deeds(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from artifact_toys import Counted, make
 
 from cassie_lib import artifacts, paths
-from cassie_lib.artifacts import recompute, store
+from cassie_lib.artifacts import recompute, stages, store
 from cassie_lib.errors import ParameterError, UnknownNameError
 
 pytestmark = pytest.mark.usefixtures("artifact_folders")
@@ -121,7 +121,7 @@ def test_other_code_goes_on_with_a_notice_and_a_request_starts_fresh(monkeypatch
     for request, found in (("", "True"), ("data", "False")):
         monkeypatch.setenv(recompute.REQUEST, request)
         with monkeypatch.context() as patched:
-            patched.setattr(store, "code_fingerprint", lambda modules: {"old.py": "0"})
+            patched.setattr(stages, "code_fingerprint", lambda modules: {"old.py": "0"})
             with pytest.raises(KeyboardInterrupt):
                 make({"request": request}, compute=fails)
         artifact = make({"request": request}, compute=goes_on)

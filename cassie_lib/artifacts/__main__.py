@@ -1,4 +1,4 @@
-"""``python -m cassie_lib.artifacts list | verify | keep STAGE``."""
+"""``python -m cassie_lib.artifacts list | verify | keep STAGE | renew``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 
 from cassie_lib import paths
 from cassie_lib.artifacts.manifest import read_manifest
+from cassie_lib.artifacts.renew import renew
 from cassie_lib.artifacts.stages import STAGES, get_stage
 from cassie_lib.artifacts.store import keep, load, stored
 from cassie_lib.errors import CassieError
@@ -57,17 +58,31 @@ def keep_artifacts(stage: str) -> int:
     return 0
 
 
+def renew_artifacts(stage: str) -> int:
+    """Take back notices that recomputed upstream results have disproved; returns 0."""
+    for name, lines in renew().items():
+        print(f"{name}: taken back", *lines, sep="\n  ")
+    return 0
+
+
+COMMANDS = {
+    "list": list_artifacts,
+    "verify": verify_artifacts,
+    "keep": keep_artifacts,
+    "renew": renew_artifacts,
+}
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m cassie_lib.artifacts", description=__doc__)
-    parser.add_argument("command", choices=("list", "verify", "keep"))
+    parser.add_argument("command", choices=tuple(COMMANDS))
     parser.add_argument("stage", nargs="?", default="", help=", ".join(STAGES))
     options = parser.parse_args(arguments)
     try:
         if options.stage or options.command == "keep":
             get_stage(options.stage)
-        action = {"list": list_artifacts, "verify": verify_artifacts, "keep": keep_artifacts}
-        return 1 if action[options.command](options.stage) else 0
+        return 1 if COMMANDS[options.command](options.stage) else 0
     except CassieError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -9,7 +9,6 @@ from typing import Any
 
 from cassie_lib import paths
 from cassie_lib.artifacts.stages import get_stage, recipe_key
-from cassie_lib.code_version import code_fingerprint
 from cassie_lib.errors import ArtifactError
 from cassie_lib.files import canonical_json, sha256_file, sha256_text
 
@@ -165,8 +164,10 @@ def check_files(folder: Path, manifest: dict[str, Any]) -> None:
 
 def code_notice(manifest: dict[str, Any]) -> tuple[str, ...]:
     """Name the source files that have changed since an artifact was made, if any."""
-    made, now = manifest["code"], code_fingerprint(get_stage(manifest["stage"]).modules)
-    changed = sorted(n for n in made.keys() | now.keys() if made.get(n) != now.get(n))
+    stage, made = get_stage(manifest["stage"]), manifest["code"]
+    now = stage.code()
+    known = (made.keys() | now.keys()) - set(stage.without)
+    changed = sorted(name for name in known if made.get(name) != now.get(name))
     if not changed:
         return ()
     name = f"{manifest['stage']}-{manifest['key'][:12]}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from cassie_lib.code_version import code_fingerprint
 from cassie_lib.errors import unknown_name
 from cassie_lib.files import canonical_json, plain, sha256_text
 
@@ -18,6 +19,7 @@ class Stage:
             parameters.  It is part of the hash, so older results are no longer found.
         modules: Modules and folders of ``cassie_lib`` that do the work.  Their fingerprint is
             stored; when it differs on load the artifact says so in its notice.
+        without: Files in those folders that have no part in the work.
         by_content: How later stages depend on this one.  True: on its bits (weights, which are
             kept in git).  False: on its recipe (data that any machine makes again, where the last
             digit of a float may differ and must not cost anyone a retraining).
@@ -25,22 +27,30 @@ class Stage:
 
     version: int
     modules: tuple[str, ...]
+    without: tuple[str, ...] = ()
     by_content: bool = False
+
+    def code(self) -> dict[str, str]:
+        """Fingerprints of the source files that do the work, by path below the package."""
+        found = code_fingerprint(self.modules)
+        return {path: value for path, value in found.items() if path not in self.without}
 
 
 _ROBOT = ("robot", "gait", "reward", "simulator")
 _WALKING = (*_ROBOT, "controllers", "recording", "walking")
 _PLANNING = (*_WALKING, "dynamics", "planning")
+#: The fast rollout of a model whose weights are fixed: planners use it, training does not.
+_FROZEN = ("dynamics/adjoint.py", "dynamics/adjoint_layers.py")
 
 #: Raise a version here when a stage's results change; see :class:`Stage`.
 STAGES = {
     "expert": Stage(1, (*_WALKING, "expert"), by_content=True),
     "walking": Stage(1, (*_WALKING, "expert")),
     "data": Stage(1, (*_WALKING, "expert", "data")),
-    "mlp": Stage(1, ("data", "dynamics"), by_content=True),
-    "transformer": Stage(1, ("data", "dynamics"), by_content=True),
-    "causal": Stage(1, ("data", "dynamics"), by_content=True),
-    "prediction": Stage(1, ("data", "dynamics")),
+    "mlp": Stage(1, ("data", "dynamics"), _FROZEN, by_content=True),
+    "transformer": Stage(1, ("data", "dynamics"), _FROZEN, by_content=True),
+    "causal": Stage(1, ("data", "dynamics"), _FROZEN, by_content=True),
+    "prediction": Stage(1, ("data", "dynamics"), _FROZEN),
     "cem": Stage(1, _PLANNING),
     "gradient_cem": Stage(1, _PLANNING),
     "dagger": Stage(1, (*_PLANNING, "data", "dagger"), by_content=True),

@@ -25,7 +25,7 @@ from cassie_lib.artifacts.manifest import (
 )
 from cassie_lib.artifacts.recompute import recompute_since
 from cassie_lib.artifacts.stages import get_stage, recipe, recipe_key
-from cassie_lib.code_version import code_fingerprint, git_commit, library_versions, lock_hash
+from cassie_lib.code_version import git_commit, library_versions, lock_hash
 from cassie_lib.errors import ArtifactError
 from cassie_lib.files import locked, write_json
 
@@ -173,7 +173,7 @@ def _compute(
         # Killed between the manifest and the renaming: nothing is left to compute.
         _move_into_place(work, final)
         return load(final, upstream)
-    code = code_fingerprint(get_stage(stage).modules)
+    code = get_stage(stage).code()
     sessions = _open_sessions(work, code, fresh_code)
     compute(work)
     files = list_files(work)

@@ -153,11 +153,9 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     bare = {"foot_weight": 0.0}
     return {
         "Eq 3.11 alone": planner_trial(
-            preset, planner, steps=steps, changes=bare | {"terminal_value": False}
+            preset, planner, steps=steps, changes=bare | {"terminal_weight": 0.0}
         ),
-        "with the critic": planner_trial(
-            preset, planner, steps=steps, changes=bare | {"terminal_value": True}
-        ),
+        "with the critic": planner_trial(preset, planner, steps=steps, changes=bare),
         "with the critic and the foot term": planner_trial(preset, planner),
     }
 

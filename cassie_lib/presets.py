@@ -197,12 +197,17 @@ def _laptop() -> Preset:
             samples=128,
             elites=16,
             iterations=2,
+            variance=tuple(0.2 * value for value in CEMParameters().variance),
+            # Slow noise on what is left of the last plan: in a hundred dimensions a few hundred
+            # samples find little, and it must not be found anew at every control step.
+            noise_colour=1.0,
+            carry=0.9,
             mean="feedforward",
             keep_best=True,
             include_mean=True,
             lower_rad=-1.5,
             upper_rad=1.5,
-            terminal_value=True,
+            terminal_weight=0.3,
             foot_weight=0.1,
         ),
         # Few samples close to the mean: the gradient does the work, and a plan that begins anew at
@@ -221,12 +226,14 @@ def _laptop() -> Preset:
             keep_best=True,
             include_mean=True,
             normalise_gradient=True,
-            terminal_value=True,
+            terminal_weight=0.3,
             foot_weight=0.1,
         ),
         dagger=DAggerParameters(
             transitions=10_000,
             schedule=(1, 2, 27),
+            # Whoever drives without the expert must have seen how to recover.
+            bursts=BurstParameters(strongest_rad=0.4),
             pad_starts=True,
             training_steps=1000,
             learning_rate=1e-4,

@@ -75,7 +75,8 @@ def test_parts_of_the_reward_are_added_one_by_one(stages, asked):
     bare, critic, own = (item.parameters for item in asked)
     for item in (bare, critic):
         assert item.foot_weight == 0.0
-    assert (bare.terminal_value, critic.terminal_value) == (False, True)
+    assert bare.terminal_weight == 0.0
+    assert critic.terminal_weight == stages.gradient_cem.terminal_weight
     assert own == stages.gradient_cem
     assert [item.protocol.steps for item in asked] == [60, 60, 30]
 

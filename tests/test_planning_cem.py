@@ -147,14 +147,49 @@ def test_warm_start_moves_the_last_plan_on():
 @pytest.mark.parametrize("mean", CYCLES)
 def test_a_cycles_mean_is_the_cycle_at_its_phase(mean):
     cycle = 0.01 * torch.arange(28.0)[:, None].expand(28, 10)
-    made = planner(
-        cem_parameters(mean=mean, variance=(0.0,) * 10, std_floor_rad=0.0), cycle=cycle
-    )
+    made = planner(cem_parameters(mean=mean, variance=(0.0,) * 10, std_floor_rad=0.0), cycle=cycle)
     made.reset([0, 1])
     plan = made.plan(history(2), [26, 3], [0.0, 0.0])
     assert plan.actions[:, :, 0].numpy() * 100 == pytest.approx(
         np.array([[26, 27, 0, 1], [3, 4, 5, 6]]), abs=1e-4
     )
+
+
+@pytest.mark.parametrize("carry", [0.0, 0.5, 1.0])
+def test_part_of_the_last_departure_from_the_cycle_is_carried_over(carry):
+    cycle = 0.01 * torch.arange(28.0)[:, None].expand(28, 10)
+    still = {"variance": (0.0,) * 10, "std_floor_rad": 0.0}
+    made = planner(cem_parameters(mean="feedforward", carry=carry, **still), cycle=cycle)
+    made.reset([0])
+    made._last[:] = 0.1 * torch.arange(4.0).view(1, 4, 1)
+    plan = made.plan(history(), [5], [0.0])
+    # At phase 5 the cycle is .05 .06 .07 .08; of the departure 0 .1 .2 .3 one step has gone by.
+    wanted = np.array([0.05, 0.06, 0.07, 0.08]) + carry * np.array([0.1, 0.2, 0.3, 0.3])
+    assert plan.actions[0, :, 0].numpy() == pytest.approx(wanted, abs=1e-5)
+    again = made.plan(history(), [6], [0.0]).actions[0, 0, 0].item()
+    assert again == pytest.approx(0.06 + carry**2 * 0.2, abs=1e-5), "it fades by itself"
+
+
+def test_what_is_carried_makes_a_plan_better_than_one_that_begins_anew():
+    """Few samples around a poor cycle: the plans of later steps go on from the earlier ones."""
+    value = {}
+    for carry in (0.0, 0.9):
+        parameters = cem_parameters(
+            mean="feedforward", carry=carry, samples=8, elites=2, iterations=1, keep_best=True
+        )
+        made = planner(parameters, cycle=torch.full((28, 10), 0.3))
+        made.reset([0])
+        for phase in range(12):
+            plan = made.plan(history(), [phase], [0.0])
+        value[carry] = plan.imagined_return.item()
+    assert value[0.9] > value[0.0]
+
+
+def test_a_zero_mean_carries_nothing():
+    made = planner(cem_parameters(mean="zero", carry=0.9, variance=(0.0,) * 10, std_floor_rad=0.0))
+    made.reset([0])
+    made._last[:] = 0.1
+    assert not made.plan(history(), [0], [0.0]).actions.any()
 
 
 def test_spoiled_candidates_score_worst_and_are_counted():
@@ -186,6 +221,7 @@ def test_no_finite_candidate_is_an_error_that_names_the_episode():
         ({"lower_rad": 0.5, "upper_rad": -0.5}, ParameterError, "lower < upper"),
         ({"lower_rad": float("nan")}, ParameterError, "bounds"),
         ({"elite_reuse": 1.5}, ParameterError, "elite_reuse is 1.5"),
+        ({"carry": -0.1}, ParameterError, "carry is -0.1"),
         ({"std_floor_rad": -0.1}, ParameterError, "std_floor_rad"),
         ({"variance": (0.01,) * 9}, ShapeError, "9 values"),
         ({"mean": "last"}, UnknownNameError, "planner mean 'last'"),

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cassie_lib.artifacts import WORK, Artifact, Upstream, load_or_compute
+from cassie_lib.dagger.disturbed import make_driver
 from cassie_lib.dagger.recordings import (
     pad_starts,
     split_by_episode,
@@ -27,7 +28,6 @@ from cassie_lib.errors import ArtifactError, ParameterError
 from cassie_lib.expert.policy import Expert
 from cassie_lib.files import UNREADABLE, write_json
 from cassie_lib.planning.assemble import make_planner
-from cassie_lib.planning.mixed import MixedController
 from cassie_lib.presets import (
     CEMParameters,
     CollectionParameters,
@@ -158,9 +158,9 @@ def _round(index, planner_steps, start, before, parameters, planner, simulation,
 
     def compute(folder: Path) -> None:
         model = before[-1].model if before else start.model
-        driver = MixedController(
+        driver = make_driver(
             make_planner(model, planner, expert=start.expert, speed_mps=simulation.speed_mps),
-            start.expert, planner_steps, parameters.cycle_steps,
+            start.expert, planner_steps, parameters,
         )  # fmt: skip
         _collect(folder, index, driver, parameters, simulation)
         _retrain(folder, index, model, start, before, parameters)

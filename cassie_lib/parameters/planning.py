@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cassie_lib.parameters.data import BurstParameters
+
 
 @dataclass(frozen=True)
 class CEMParameters:
@@ -19,13 +21,14 @@ class CEMParameters:
     covariance: str = "diagonal"  # diagonal | full
     keep_best: bool = False
     include_mean: bool = False  # the mean itself is a candidate of every round
+    carry: float = 0.0  # share of the last plan's departure from a cycle that the next mean keeps
     warm_fill: str = "repeat"  # repeat | zero: last action of a plan that was moved on
     lower_rad: float = -0.5
     upper_rad: float = 0.5
     std_floor_rad: float = 1e-3
     noise_colour: float = 0.0  # exponent of the power spectrum over the horizon (iCEM)
     elite_reuse: float = 0.0  # share of elites carried to the next iteration (iCEM)
-    terminal_value: bool = False
+    terminal_weight: float = 0.0  # of the expert's critic beyond the horizon; 0 is the thesis
     lateral: str = "position"  # position | height
     deadband: bool = False
     foot_weight: float = 0.0  # share of a foot-height term besides Eq 3.10; 0 is the thesis
@@ -54,6 +57,7 @@ class DAggerParameters:
     split: tuple[float, float, float] = (0.6, 0.2, 0.2)
     robots: int = 16
     episode_steps: int = 300
+    bursts: BurstParameters | None = None  # disturb the robots while collecting; None: never
     pad_starts: bool = False  # episodes begin with the context of a start without expert
     training_steps: int = 20_000  # optimiser steps per round
     learning_rate: float = 3e-4  # peak of each retraining

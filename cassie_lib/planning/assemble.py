@@ -97,14 +97,15 @@ def make_planner(
     Raises:
         ParameterError: If parameters contradict themselves or need an expert that is not given.
     """
-    if expert is None and (parameters.terminal_value or parameters.mean == "expert"):
-        needed = "terminal_value" if parameters.terminal_value else 'mean = "expert"'
+    if expert is None and (parameters.terminal_weight or parameters.mean == "expert"):
+        needed = "terminal_weight" if parameters.terminal_weight else 'mean = "expert"'
         raise ParameterError(f"expert is None: expected one, the parameters say {needed}")
     reference = reference or gait.walk(speed_mps)
     reward = WalkingReward(
         reference, parameters.lateral, parameters.deadband, parameters.foot_weight
     )
-    terminal = CriticValue(expert.policy) if parameters.terminal_value else None
+    weight = parameters.terminal_weight
+    terminal = CriticValue(expert.policy, weight) if weight else None
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)
     cycle = None
     if parameters.mean == "expert":

@@ -32,7 +32,7 @@ def check_parameters(parameters: CEMParameters) -> None:
 
     Raises:
         ParameterError: K > N, K < 1, C < 1, T < 1, bounds reversed, a negative floor, or a share
-            of elites outside [0, 1].
+            (of elites, or carried over) outside [0, 1].
         UnknownNameError: For another mean or covariance than the documented ones.
     """
     p = parameters
@@ -47,8 +47,9 @@ def check_parameters(parameters: CEMParameters) -> None:
         )
     if not p.std_floor_rad >= 0.0:
         raise ParameterError(f"std_floor_rad is {p.std_floor_rad}: expected at least 0")
-    if not 0.0 <= p.elite_reuse <= 1.0:
-        raise ParameterError(f"elite_reuse is {p.elite_reuse}: expected a share between 0 and 1")
+    for name in ("elite_reuse", "carry"):
+        if not 0.0 <= getattr(p, name) <= 1.0:
+            raise ParameterError(f"{name} is {getattr(p, name)}: expected a share between 0 and 1")
     if p.mean not in MEANS:
         raise unknown_name("planner mean", p.mean, MEANS)
     if p.warm_fill not in FILLS:
@@ -119,7 +120,8 @@ class CEM:
         episodes = self._episodes(episodes, len(phase))
         generators = [self._generators[episode] for episode in episodes]
         p, rounds = self.parameters, []
-        mean = self._mean(episodes, phase)
+        base = self._base(phase)
+        mean = self._mean(episodes, base)
         distribution = initial_distribution(mean, p.variance, p.std_floor_rad)
         carried = self._carried(mean, self._elites[episodes] if self._elites is not None else None)
         for iteration in range(p.iterations + 1):
@@ -135,7 +137,7 @@ class CEM:
         chosen = candidates.top(1)
         if p.keep_best and scorer.best is not None:
             chosen = scorer.best
-        self._remember(episodes, chosen.actions[:, 0], elites.actions)
+        self._remember(episodes, chosen.actions[:, 0] - base, elites.actions)
         states = chosen.states[:, :1].clone()
         with torch.inference_mode():
             imagined = self.objective.horizon_return(history, states, phase, lateral_m)
@@ -166,15 +168,21 @@ class CEM:
             raise ShapeError(f"episodes {episodes}: expected indices below {known}, as reset")
         return episodes
 
-    def _mean(self, episodes: list[int], phase: torch.Tensor) -> torch.Tensor:
-        """Initial mean ``(E, T, 10)``: zero, the last plan moved on, or a cycle of actions."""
-        p = self.parameters
-        if self._cycle is not None:
-            index = (phase[:, None] + torch.arange(p.horizon)) % PERIOD
-            return self._clip(self._cycle[index])
-        if p.mean == "warm":
-            return shift(self._last[episodes], fill=p.warm_fill)
-        return torch.zeros(len(episodes), p.horizon, ACTION_SIZE)
+    def _base(self, phase: torch.Tensor) -> torch.Tensor:
+        """What the mean is without any earlier plan, ``(E, T, 10)``: zero or a cycle of actions."""
+        horizon = self.parameters.horizon
+        if self._cycle is None:
+            return torch.zeros(len(phase), horizon, ACTION_SIZE)
+        index = (phase[:, None] + torch.arange(horizon)) % PERIOD
+        return self._clip(self._cycle[index])
+
+    def _mean(self, episodes: list[int], base: torch.Tensor) -> torch.Tensor:
+        """Initial mean ``(E, T, 10)``: the base and what is kept of the last plan, moved on."""
+        kept = {"zero": 0.0, "warm": 1.0}.get(self.parameters.mean, self.parameters.carry)
+        if not kept:
+            return base
+        moved = shift(self._last[episodes], fill=self.parameters.warm_fill)
+        return self._clip(base + kept * moved)
 
     def _carried(self, mean: torch.Tensor, elites: torch.Tensor | None) -> list[torch.Tensor]:
         """Sequences that join the samples of the next round: the mean, and reused elites."""
@@ -184,9 +192,9 @@ class CEM:
             carried.append(elites[:, :count])
         return carried
 
-    def _remember(self, episodes: list[int], actions: torch.Tensor, elites: torch.Tensor) -> None:
-        """Keep the plan, and the elites one step on, for the next control step."""
-        self._last[episodes] = actions.clone()
+    def _remember(self, episodes: list[int], departure: torch.Tensor, elites: torch.Tensor) -> None:
+        """Keep the plan's departure from its base, and the elites one step on, for the next."""
+        self._last[episodes] = departure
         if self.parameters.elite_reuse:
             if self._elites is None:
                 self._elites = torch.zeros(len(self._generators), *elites.shape[1:])

@@ -149,6 +149,7 @@ class PlannerController:
         if len(driven):
             actions, row = self._plan(observation, driven, actions, row)
         self._rows.append(row)
+        actions = self._executed(observation, actions)
         self._context.did(torch.as_tensor(actions, dtype=torch.float32))
         return actions
 
@@ -161,6 +162,10 @@ class PlannerController:
     def _driven(self, step: int) -> np.ndarray:
         """Which robots the planner drives at this control step, ``(N,)``."""
         return np.full(self._count, step >= self.handover_step)
+
+    def _executed(self, observation, actions: np.ndarray) -> np.ndarray:
+        """What is done of the actions ``(N, 10)`` that were chosen: here, all of it."""
+        return actions
 
     def log(self) -> PlanLog:
         """Everything noted since the last :meth:`reset`."""

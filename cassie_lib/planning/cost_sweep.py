@@ -79,7 +79,7 @@ def plan_sweeps(
         contexts: Values of H.
         repeats: Plans per value, the shortest of which counts.
     """
-    base = replace(parameters, iterations=1, mean="zero", terminal_value=False)
+    base = replace(parameters, iterations=1, mean="zero", terminal_weight=0.0)
     base = replace(base, elites=min(base.elites, *samples))
     causal = untrained(model)
     planners = {
@@ -123,7 +123,7 @@ def cache_gain(parameters: CEMParameters, model: CausalParameters) -> tuple[floa
 
     More iterations make the cache gain more: the history is encoded once per plan.
     """
-    base = replace(parameters, iterations=1, mean="zero", terminal_value=False)
+    base = replace(parameters, iterations=1, mean="zero", terminal_weight=0.0)
     causal = untrained(model)
     cached = plan_seconds(make_planner(causal, base), repeats=1)
     naive = make_planner(Uncached(causal), base, max_rows=_MAX_ROWS)

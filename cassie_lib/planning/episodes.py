@@ -11,10 +11,14 @@ import numpy as np
 from cassie_lib.errors import ArtifactError, ShapeError
 from cassie_lib.files import UNREADABLE, replacing
 from cassie_lib.planning.control import PlanLog, PlannerController
+from cassie_lib.planning.packing import pack, unpack
 from cassie_lib.recording import Recording
 from cassie_lib.reward import WEIGHTS
 from cassie_lib.robot.schema import ACTION_SIZE, STATE_SIZE
 from cassie_lib.walking import run_episodes
+
+#: Begin the names of packed arrays and of their shapes in a file.
+_PACKED, _SHAPE = "packed_", "shape_"
 
 
 class PlannedEpisodes(NamedTuple):
@@ -59,19 +63,40 @@ def plan_episodes(controller: PlannerController, **options) -> PlannedEpisodes:
 
 
 def save_episodes(path: Path, found: PlannedEpisodes) -> None:
-    """Write episodes to one ``.npz`` file (single precision, no pickle)."""
+    """Write episodes to one ``.npz`` file, no pickle.
+
+    What lies over time is packed (:mod:`cassie_lib.planning.packing`), the planner's log is in
+    single precision.
+    """
     recording, log = found
     arrays = {f"term_{name}": values for name, values in recording.terms.items()}
     for field in dataclasses.fields(recording):
         if field.name != "terms":
             arrays[field.name] = np.asarray(getattr(recording, field.name))
-    arrays |= {f"log_{name}": np.asarray(value) for name, value in log._asdict().items()}
-    small: dict[str, Any] = {
-        name: value.astype(np.float32) if value.dtype == np.float64 and value.ndim else value
-        for name, value in arrays.items()
-    }
+    stored: dict[str, Any] = {}
+    for name, value in arrays.items():
+        if value.dtype == np.float64 and value.ndim >= 2:
+            stored[_PACKED + name], stored[_SHAPE + name] = pack(value), np.array(value.shape)
+        else:
+            stored[name] = value
+    for name, value in log._asdict().items():
+        series = np.asarray(value)
+        single = series.dtype == np.float64 and series.ndim
+        stored[f"log_{name}"] = series.astype(np.float32) if single else series
     with replacing(path) as partial:
-        np.savez_compressed(partial, **small)
+        np.savez_compressed(partial, **stored)
+
+
+def _unpacked(stored: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Arrays by their own names."""
+    arrays: dict[str, Any] = {}
+    for name, value in stored.items():
+        if name.startswith(_PACKED):
+            own = name.removeprefix(_PACKED)
+            arrays[own] = unpack(value, tuple(stored[_SHAPE + own]))
+        elif not name.startswith(_SHAPE):
+            arrays[name] = value
+    return arrays
 
 
 def _check_shapes(recording: Recording, log: PlanLog) -> None:
@@ -105,7 +130,7 @@ def load_episodes(path: Path) -> PlannedEpisodes:
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+            arrays = _unpacked({name: stored[name] for name in stored.files})
         terms = {name: arrays.pop(f"term_{name}") for name in WEIGHTS}
         log = PlanLog(**{name: arrays.pop(f"log_{name}") for name in PlanLog._fields})
         arrays["speed_mps"] = float(arrays["speed_mps"])

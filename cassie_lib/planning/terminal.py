@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from cassie_lib.dynamics.model import History
+from cassie_lib.errors import ParameterError
 
 #: The critic was trained on rewards divided by this (``expert.ppo``), so that values are of order
 #: one; here they are added to rewards that were not.
@@ -17,14 +18,21 @@ class CriticValue:
     The critic is recurrent: its memory is filled with the history from a cleared start, once per
     planning problem, and then carried along the predicted states of each candidate.  Its reward is
     that of the expert's training, which holds a gait term besides Eq 3.10, and its discount is the
-    training's.
+    training's: a hundred steps by what the expert makes of a state.  It hardly tells a walk from
+    one that drifts, so in full it drowns what Eq 3.11 says of velocities.
 
     Args:
         policy: :class:`cassie_lib.expert.policy.ExpertPolicy`.
+        weight: Factor of the value.
+
+    Raises:
+        ParameterError: If the weight is negative or not finite.
     """
 
-    def __init__(self, policy):
-        self._policy = policy
+    def __init__(self, policy, weight: float = 1.0):
+        if not 0.0 <= weight < float("inf"):
+            raise ParameterError(f"terminal_weight is {weight}: expected a finite number >= 0")
+        self._policy, self._unit = policy, weight * CRITIC_UNIT
         self._filled: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def __call__(self, history: History, states: torch.Tensor, phase: torch.Tensor):
@@ -34,7 +42,7 @@ class CriticValue:
         sequence = self._policy.normalise(states.flatten(0, 1)).transpose(0, 1)
         starts = torch.zeros(horizon, episodes * count)
         value, _ = self._policy.critic(sequence, memory, starts)
-        return CRITIC_UNIT * value[-1, :, 0].view(episodes, count)
+        return self._unit * value[-1, :, 0].view(episodes, count)
 
     def _memory(self, history: History) -> torch.Tensor:
         """Memory ``(layers, 2, E, hidden)`` after the history; kept for the same history."""

@@ -1,8 +1,9 @@
 """Speed of the simulator, by hand: ``python tests/benchmarks/bench_simulator.py``.
 
-Prints physics steps per second of N = 64 robots on all cores, the share of twice the rate of one
-thread that never leaves C, PPO's control steps per second, and the import time of the package.
-Run it on an idle machine.
+Prints physics steps per second of N = 64 robots on all cores; the share of twice the rate of one
+thread that never leaves C, beside the share that as many threads reach without leaving C (what the
+machine itself loses); PPO's control steps per second; the import time of the package.  Run it on an
+idle machine.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from cassie_lib.simulator import Simulator
 
 ROBOTS = 64
 CONTROL_STEPS = 10
-PAIRS = 21
+TURNS = 21
 
 
 def _start(simulator: Simulator) -> np.ndarray:
@@ -42,28 +43,35 @@ def batched_seconds(simulator: Simulator) -> float:
     return time.perf_counter() - began
 
 
-def c_only_seconds(simulator: Simulator, data: mujoco.MjData, pool) -> float:
-    """Seconds for the same steps by one thread inside one call of ``mujoco.rollout``."""
+def c_only_seconds(simulator: Simulator, data: list[mujoco.MjData], pool) -> float:
+    """Seconds for the same steps inside one call of ``mujoco.rollout``, a thread per ``data``."""
     cycle = _start(simulator)
     steps = (simulator.phase[:, None] + 1 + np.arange(CONTROL_STEPS)) % 28
     control = np.repeat(cycle[steps], 60, axis=1)
     began = time.perf_counter()
-    pool.rollout(simulator.model, data, simulator.physics, control)
+    pool.rollout([simulator.model] * ROBOTS, data, simulator.physics, control, chunk_size=1)
     return time.perf_counter() - began
 
 
-def simulation_rates() -> tuple[np.ndarray, np.ndarray]:
-    """Physics steps per second, batched and in C alone, measured in turn: ``(PAIRS,)`` each.
+def simulation_rates(cores: int) -> np.ndarray:
+    """Physics steps per second: batched, one thread in C alone, all in C alone: ``(3, TURNS)``.
 
-    In turn, because the clock of a shared machine drifts by more than what is measured.
+    Measured in turn, because the clock of a shared machine drifts by more than what is measured.
     """
     simulator, seconds = Simulator(ROBOTS), []
-    data, steps = mujoco.MjData(simulator.model), ROBOTS * CONTROL_STEPS * 60
-    with mujoco.rollout.Rollout(nthread=0) as pool:
-        for _ in range(PAIRS):
-            seconds.append((batched_seconds(simulator), c_only_seconds(simulator, data, pool)))
-    batched, alone = np.array(seconds).T
-    return steps / batched, steps / alone
+    data = [mujoco.MjData(simulator.model) for _ in range(cores)]
+    steps = ROBOTS * CONTROL_STEPS * 60
+    one, all_ = mujoco.rollout.Rollout(nthread=0), mujoco.rollout.Rollout(nthread=cores)
+    with one, all_:
+        for _ in range(TURNS):
+            seconds.append(
+                (
+                    batched_seconds(simulator),
+                    c_only_seconds(simulator, data[:1], one),
+                    c_only_seconds(simulator, data, all_),
+                )
+            )
+    return steps / np.array(seconds).T
 
 
 def import_seconds() -> tuple[float, bool]:
@@ -94,14 +102,18 @@ def ppo_rate() -> float:
 def main() -> None:
     """Print the figures."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    batched, alone = simulation_rates()
-    share = np.percentile(batched / (cores * alone), (25, 50, 75))
+    batched, alone, threaded = simulation_rates(cores)
+    quarters = (25, 50, 75)
+    share = np.percentile(batched / (cores * alone), quarters)
+    machine = np.percentile(threaded / (cores * alone), quarters)
     seconds, torch = import_seconds()
     print(f"cores {cores}")
     print(f"batched, N = {ROBOTS}, 0.5 ms: {np.median(batched):,.0f} physics steps/s")
     print(f"one thread, C only: {np.median(alone):,.0f} steps/s; share of {cores} x that, "
-          f"median of {PAIRS} pairs: {share[1]:.1%} "
+          f"median of {TURNS} turns: {share[1]:.1%} "
           f"(quartiles {share[0]:.1%}, {share[2]:.1%})")  # fmt: skip
+    print(f"{cores} threads, C only, the same share: {machine[1]:.1%} "
+          f"(quartiles {machine[0]:.1%}, {machine[2]:.1%})")  # fmt: skip
     print(f"import of robot and simulator: {seconds:.2f} s, torch imported: {torch}")
     print(f"recurrent PPO with learning: {ppo_rate():,.0f} control steps/s")
 

@@ -10,33 +10,41 @@ from cassie_lib.planner_pipeline import Trial, causal_model, planner_trial
 from cassie_lib.presets import Preset, replace
 
 
-def dagger_start(preset: Preset) -> Start:
-    """Round 0 of Algorithm 3: the causal model and what it was trained on."""
-    names = ("train", "wide")
+def dagger_start(preset: Preset, *, wide: bool = True) -> Start:
+    """Round 0 of Algorithm 3: the causal model and what it was trained on.
+
+    Args:
+        preset: The preset.
+        wide: False: as in the thesis, a model that has seen the expert's walk alone.
+    """
+    names = ("train", "wide") if wide else ("train",)
     return Start(
         expert=pipeline.expert(preset),
-        model=causal_model(preset),
+        model=causal_model(preset, wide=wide),
         load_train=lambda: tuple(pipeline.transitions(preset, name) for name in names),
         load_test=lambda: pipeline.transitions(preset, "test"),
         artifacts=(
             pipeline.expert_artifact(preset),
-            pipeline.causal_artifact(preset),
+            pipeline.causal_artifact(preset, wide=wide),
             *(pipeline.pending_dataset(preset, name) for name in (*names, "test")),
         ),
     )
 
 
-def dagger(preset: Preset, *, rounds: int | None = None, decay: float | None = None) -> list[Round]:
+def dagger(
+    preset: Preset, *, rounds: int | None = None, decay: float | None = None, wide: bool = True
+) -> list[Round]:
     """The rounds of Algorithm 3 with Gradient-CEM.
 
     Args:
         preset: The preset.
         rounds: Only so many of the schedule's rounds.
         decay: beta of section 6.2; default the preset's.
+        wide: See :func:`dagger_start`.
     """
     parameters = preset.dagger if decay is None else replace(preset.dagger, decay=decay)
     return dagger_rounds(
-        dagger_start(preset), parameters, preset.gradient_cem, preset.simulation,
+        dagger_start(preset, wide=wide), parameters, preset.gradient_cem, preset.simulation,
         preset=preset.name, rounds=rounds,
     )  # fmt: skip
 
@@ -51,17 +59,14 @@ def round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
     return found
 
 
-def bare_round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
-    """As :func:`round_trials`, shorter, with plans that begin at the bare joint angles.
+def narrow_round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
+    """Gradient-CEM on the model that has seen the expert's walk alone, and after its rounds.
 
-    Without the feed-forward the planner depends more on its model and falls before any round, so
-    that there is something to gain.
+    All trials have the same length: their planner-only steps compare seed by seed.
     """
-    steps, changes = preset.evaluation.ablation_steps, {"mean": "reference"}
     return [
-        planner_trial(preset, "gradient_cem", after=item, steps=steps, changes=changes)
-        for item in (None, *rounds)
+        planner_trial(preset, "gradient_cem", after=item, wide=False) for item in (None, *rounds)
     ]
 
 
-__all__ = ["bare_round_trials", "dagger", "dagger_start", "round_trials"]
+__all__ = ["dagger", "dagger_start", "narrow_round_trials", "round_trials"]

@@ -79,22 +79,30 @@ def transformer_artifact(preset: Preset) -> Artifact:
     )  # fmt: skip
 
 
-def causal_artifact(preset: Preset) -> Artifact:
-    """The causal model, trained on the thesis's training set and on the wide one."""
-    names = ("train", "wide", "validation")
+def causal_artifact(preset: Preset, *, wide: bool = True) -> Artifact:
+    """The causal model.
+
+    Args:
+        preset: The preset.
+        wide: Trained on the thesis's training set and on the wide one.  False: on the thesis's
+            alone, which holds little but the expert's walk; with the preset's smaller budget.
+    """
+    sources = ("train", "wide") if wide else ("train",)
+    names = (*sources, "validation")
+    parameters = preset.causal if wide else preset.narrow_causal
 
     def compute(folder: Path) -> None:
-        train, wide, validation = (transitions(preset, name) for name in names)
+        *used, validation = (transitions(preset, name) for name in names)
         work = _work(folder)
         # Measured only, for the curves of notebook 05: the weights do not depend on them.
-        measured = {"train": train, "test": transitions(preset, "test")}
+        measured = {"train": used[0], "test": transitions(preset, "test")}
         trained = train_causal(
-            [train, wide], preset.causal, validation=validation, measured=measured, folder=work
+            used, parameters, validation=validation, measured=measured, folder=work
         )
         _store(folder, trained)
 
     return load_or_compute(
-        "causal", preset.causal, compute,
+        "causal", parameters, compute,
         [pending_dataset(preset, name) for name in names], preset=preset.name, kept=True,
     )  # fmt: skip
 

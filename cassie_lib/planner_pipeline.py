@@ -34,9 +34,9 @@ class Trial(NamedTuple):
     artifact: Artifact
 
 
-def causal_model(preset: Preset) -> CausalModel:
-    """The learned model that planners use."""
-    return load_causal(pipeline.causal_artifact(preset).path)
+def causal_model(preset: Preset, *, wide: bool = True) -> CausalModel:
+    """The learned model that planners use; see :func:`cassie_lib.pipeline.causal_artifact`."""
+    return load_causal(pipeline.causal_artifact(preset, wide=wide).path)
 
 
 def baselines_artifact(preset: Preset) -> Artifact:
@@ -95,6 +95,7 @@ def planner_trial(
     *,
     changes: Mapping[str, Any] | None = None,
     after: Round | None = None,
+    wide: bool = True,
     steps: int | None = None,
     **protocol,
 ) -> Trial:
@@ -105,6 +106,7 @@ def planner_trial(
         planner: One of :data:`PLANNERS`.
         changes: Planner parameters that differ from the preset's, by name.
         after: Round of DAgger whose model is used; default the model before all rounds.
+        wide: Whether that model was trained on the wide data, too.
         steps: Control steps of an episode; default those of the preset for the planner.
         protocol: Other fields of :class:`~cassie_lib.planning.evaluate.Protocol` that differ from
             the preset's evaluation.
@@ -116,13 +118,13 @@ def planner_trial(
     if steps is None:
         sizes = preset.evaluation
         steps = sizes.cem_steps if planner == "cem" else sizes.planner_steps
-    source = after.artifact if after else pipeline.causal_artifact(preset)
+    source = after.artifact if after else pipeline.causal_artifact(preset, wide=wide)
     expert = pipeline.expert_artifact(preset)
     return Trial(
         *evaluate(
             "dagger" if after else planner, _protocol(preset, steps=steps, **protocol),
-            after.model if after else causal_model(preset), parameters, load_expert(expert.path),
-            upstream=[expert, source], preset=preset.name,
+            after.model if after else causal_model(preset, wide=wide), parameters,
+            load_expert(expert.path), upstream=[expert, source], preset=preset.name,
         )
     )  # fmt: skip
 

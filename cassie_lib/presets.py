@@ -47,6 +47,8 @@ class Preset:
     transformer: TransformerParameters = field(default_factory=TransformerParameters)
     grid: GridParameters = field(default_factory=GridParameters)
     causal: CausalParameters = field(default_factory=CausalParameters)
+    #: Trained without the wide data: where DAgger has something to gain.
+    narrow_causal: CausalParameters = field(default_factory=CausalParameters)
     cem: CEMParameters = field(default_factory=CEMParameters)
     gradient_cem: GradientCEMParameters = field(default_factory=GradientCEMParameters)
     dagger: DAggerParameters = field(default_factory=DAggerParameters)
@@ -77,6 +79,19 @@ def _smoke() -> Preset:
         "minibatches": 1,
         "episode_steps": 56,
     }
+    causal = CausalParameters(
+        context=6,
+        model_size=16,
+        heads=2,
+        layers=1,
+        feedforward_size=32,
+        horizon=3,
+        steps=6,
+        batch_size=16,
+        validation_steps=3,
+        validation_windows=16,
+        max_minutes=0.5,
+    )
     cem = CEMParameters(samples=8, elites=3, iterations=1, horizon=3, mean="warm")
     return Preset(
         "smoke",
@@ -115,19 +130,8 @@ def _smoke() -> Preset:
             horizon=1,
             evaluation_windows=32,
         ),
-        causal=CausalParameters(
-            context=6,
-            model_size=16,
-            heads=2,
-            layers=1,
-            feedforward_size=32,
-            horizon=3,
-            steps=6,
-            batch_size=16,
-            validation_steps=3,
-            validation_windows=16,
-            max_minutes=0.5,
-        ),
+        causal=causal,
+        narrow_causal=causal,
         cem=cem,
         gradient_cem=GradientCEMParameters(
             samples=8,
@@ -164,6 +168,9 @@ def _smoke() -> Preset:
 
 
 def _laptop() -> Preset:
+    causal = CausalParameters(
+        layers=2, model_size=160, feedforward_size=640, batch_size=64, max_minutes=30.0
+    )
     return Preset(
         "laptop",
         mlp=MLPParameters(hidden_size=256),
@@ -190,9 +197,8 @@ def _laptop() -> Preset:
             gradient_penalty=0.0,
             evaluation_windows=500,
         ),
-        causal=CausalParameters(
-            layers=2, model_size=160, feedforward_size=640, batch_size=64, max_minutes=30.0
-        ),
+        causal=causal,
+        narrow_causal=replace(causal, max_minutes=10.0),
         cem=CEMParameters(
             samples=128,
             elites=16,

@@ -29,11 +29,12 @@ def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, 
     assert asked[-1].protocol.steps == 30, "the schedule is not finished"
 
 
-def test_without_the_feedforward_every_round_is_tried_for_the_same_length(stages, asked, rounds):
-    dagger_pipeline.bare_round_trials(stages, rounds)
+def test_rounds_of_the_narrow_model_are_tried_for_the_same_length(stages, asked, rounds):
+    dagger_pipeline.narrow_round_trials(stages, rounds)
     assert [item.model for item in asked[1:]] == ["model 1", "model 2"]
-    assert {item.parameters.mean for item in asked} == {"reference"}
-    assert {item.protocol.steps for item in asked} == {stages.evaluation.ablation_steps}
+    assert asked[0].upstream[1].key == pipeline.causal_artifact(stages, wide=False).key
+    assert asked[0].upstream[1].key != pipeline.causal_artifact(stages).key
+    assert {item.protocol.steps for item in asked} == {stages.evaluation.planner_steps}
 
 
 def test_dagger_begins_with_what_the_model_was_made_of(stages):
@@ -42,6 +43,13 @@ def test_dagger_begins_with_what_the_model_was_made_of(stages):
     assert kinds == ["expert", "causal", "data", "data", "data"]
     for found, name in zip((*start.train, start.test), ("train", "wide", "test"), strict=True):
         np.testing.assert_array_equal(found.states, pipeline.dataset(stages, name).states)
+
+
+def test_the_narrow_start_leaves_the_wide_data_out(stages):
+    start = dagger_pipeline.dagger_start(stages, wide=False)
+    assert [item.stage for item in start.artifacts] == ["expert", "causal", "data", "data"]
+    (train,) = start.train
+    np.testing.assert_array_equal(train.states, pipeline.dataset(stages, "train").states)
 
 
 def test_one_round_is_run_and_found_again(stages):

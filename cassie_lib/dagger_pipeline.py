@@ -32,7 +32,12 @@ def dagger_start(preset: Preset, *, wide: bool = True) -> Start:
 
 
 def dagger(
-    preset: Preset, *, rounds: int | None = None, decay: float | None = None, wide: bool = True
+    preset: Preset,
+    *,
+    rounds: int | None = None,
+    decay: float | None = None,
+    wide: bool = True,
+    kept: bool = True,
 ) -> list[Round]:
     """The rounds of Algorithm 3 with Gradient-CEM.
 
@@ -41,11 +46,12 @@ def dagger(
         rounds: Only so many of the schedule's rounds.
         decay: beta of section 6.2; default the preset's.
         wide: See :func:`dagger_start`.
+        kept: Whether git keeps the rounds of ``laptop``.
     """
     parameters = preset.dagger if decay is None else replace(preset.dagger, decay=decay)
     return dagger_rounds(
         dagger_start(preset, wide=wide), parameters, preset.gradient_cem, preset.simulation,
-        preset=preset.name, rounds=rounds,
+        preset=preset.name if kept else pipeline.not_kept(preset), rounds=rounds,
     )  # fmt: skip
 
 
@@ -59,14 +65,20 @@ def round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
     return found
 
 
-def narrow_round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
+def narrow_round_trials(
+    preset: Preset, rounds: Sequence[Round], *, kept: bool = True
+) -> list[Trial]:
     """Gradient-CEM on the model that has seen the expert's walk alone, and after its rounds.
 
     All trials have the same length: their planner-only steps compare seed by seed.
+
+    Args:
+        preset: The preset.
+        rounds: Of :func:`dagger` without wide data.
+        kept: Whether git keeps the trials after the rounds.
     """
-    return [
-        planner_trial(preset, "gradient_cem", after=item, wide=False) for item in (None, *rounds)
-    ]
+    before = planner_trial(preset, "gradient_cem", wide=False)
+    return [before, *(planner_trial(preset, "gradient_cem", after=r, kept=kept) for r in rounds)]
 
 
 __all__ = ["dagger", "dagger_start", "narrow_round_trials", "round_trials"]

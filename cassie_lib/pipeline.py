@@ -107,6 +107,11 @@ def causal_artifact(preset: Preset, *, wide: bool = True) -> Artifact:
     )  # fmt: skip
 
 
+def not_kept(preset: Preset) -> str:
+    """Name of a preset for the record of a result that is made again in minutes: not for git."""
+    return f"{preset.name}, not kept"
+
+
 def _work(folder: Path) -> Path:
     (folder / WORK).mkdir(parents=True, exist_ok=True)
     return folder / WORK
@@ -134,6 +139,7 @@ __all__ = [
     "held_out_sets",
     "mlp_artifact",
     "noise_study_artifact",
+    "not_kept",
     "pending_dataset",
     "reward_only_artifact",
     "transformer_artifact",

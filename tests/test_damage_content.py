@@ -24,6 +24,7 @@ from cassie_lib.errors import (
     UnknownNameError,
 )
 from cassie_lib.files import sha256_file
+from cassie_lib.planning.packing import pack
 
 
 def card(**changes):
@@ -163,12 +164,17 @@ CASES = {
         CheckpointError, "another architecture"),
     "cem: no archive": ("cem", text("episodes.npz", "episodes"), ArtifactError, "no planned"),
     "cem: a term is missing": (
-        "cem", episodes(lambda a: a.pop("term_motor")), ArtifactError, "term_motor"),
+        "cem", episodes(lambda a: a.pop("packed_term_motor")), ArtifactError, "term_motor"),
     "cem: an array of a later version": (
         "cem", episodes(lambda a: a.update(torque=np.ones(3))), ArtifactError, "torque"),
     "cem: states of another schema": (
-        "cem", episodes(lambda a: a.update(states=a["states"][..., :46])),
+        "cem", episodes(lambda a: a.update(
+            packed_states=pack(np.zeros((*a["shape_states"][:2], 46))),
+            shape_states=np.array([*a["shape_states"][:2], 46]))),
         ArtifactError, "states has shape"),
+    "cem: packed bytes of another shape": (
+        "cem", episodes(lambda a: a.update(shape_qpos=a["shape_qpos"] + 1)),
+        ArtifactError, "reshape"),
     "cem: a seed too few": (
         "cem", episodes(lambda a: a.update(length=a["length"][:-1])),
         ArtifactError, "length has shape"),

@@ -26,6 +26,8 @@ _SOLES = slice(3, 15)  # left heel, left toe, right heel, right toe
 _FORCES = slice(15, 21)
 #: Beyond this no joint of the real robot moves (rad/s, m/s): the integration has diverged.
 _DIVERGED = 1e3
+#: Attributes of the simulator that a snapshot holds, in its order.
+_SNAPSHOT = ("physics", "_sensors", "_force", "phase", "speed", "fallen")
 
 
 class Snapshot(NamedTuple):
@@ -37,6 +39,11 @@ class Snapshot(NamedTuple):
     phase: np.ndarray
     speed: np.ndarray
     fallen: np.ndarray
+
+
+def _sizes(model: mujoco.MjModel) -> str:
+    names = ("nq", "nv", "na", "nu", "nbody", "nsensordata")
+    return ", ".join(f"{name} = {getattr(model, name)}" for name in names)
 
 
 class Simulator:
@@ -73,7 +80,7 @@ class Simulator:
 
         Raises:
             ParameterError: If ``count`` or the timestep is out of range.
-            ShapeError: If ``models`` does not hold N models.
+            ShapeError: If ``models`` does not hold N models of the same sizes.
         """
         if count < 1:
             raise ParameterError(f"count = {count}: expected at least 1 robot")
@@ -83,7 +90,11 @@ class Simulator:
             raise ShapeError(f"models has {len(models)} entries: expected one per robot, {count}")
         self.model = models[0] if models else robot.load_model(timestep_s)
         self._models = models or [self.model] * count
-        for model in self._models:
+        expected = _sizes(self.model)
+        for i, model in enumerate(self._models):
+            # mujoco.rollout would read past the end of an array: its own checks are off below.
+            if (found := _sizes(model)) != expected:
+                raise ShapeError(f"models[{i}] has {found}: expected {expected} as models[0]")
             model.opt.timestep = timestep_s
             # MuJoCo would silently reset a diverged robot to its initial pose.
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -95,12 +106,11 @@ class Simulator:
         # Results of the physics steps of one control step, overwritten by the next one.
         self._trajectory = np.zeros((count, self._substeps, robot.PHYSICS_SIZE))
         self._readings = np.zeros((count, self._substeps, self.model.nsensordata))
+        self._controls = np.zeros((count, self._substeps, ACTION_SIZE))
         self._force = np.zeros((count, 2, 3))
-        self.phase = np.zeros(count, dtype=int)
-        self.speed = np.zeros(count)
+        self.phase, self.speed = np.zeros(count, dtype=int), np.zeros(count)
         self.fallen = np.zeros(count, dtype=bool)
-        self._push = np.zeros((count, 3))
-        self._push_steps = np.zeros(count, dtype=int)
+        self._push, self._push_steps = np.zeros((count, 3)), np.zeros(count, dtype=int)
         self.reset()
 
     # -- reading ---------------------------------------------------------------------------------
@@ -226,19 +236,7 @@ class Simulator:
 
     def snapshot(self) -> Snapshot:
         """Copy of everything that the future depends on (pushes under way excepted)."""
-        return Snapshot(
-            *(
-                np.copy(part)
-                for part in (
-                    self.physics,
-                    self._sensors,
-                    self._force,
-                    self.phase,
-                    self.speed,
-                    self.fallen,
-                )
-            )
-        )
+        return Snapshot(*(np.copy(getattr(self, name)) for name in _SNAPSHOT))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a :meth:`snapshot` of as many robots.
@@ -248,32 +246,36 @@ class Simulator:
         """
         if snapshot.physics.shape != self.physics.shape:
             raise ShapeError(f"snapshot has {len(snapshot.physics)} robots: expected {self.count}")
-        (self.physics, self._sensors, self._force, self.phase, self.speed, self.fallen) = (
-            np.copy(part) for part in snapshot
-        )
+        for name, part in zip(_SNAPSHOT, snapshot, strict=True):
+            setattr(self, name, np.copy(part))
         self._push_steps[:] = 0
 
     # -- physics ---------------------------------------------------------------------------------
     def _rollout(self, indices, actions, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        controls, spec = actions[:, None, :], mujoco.mjtState.mjSTATE_CTRL
+        count, spec = len(indices), mujoco.mjtState.mjSTATE_CTRL
+        controls = self._controls[:count]
         pushed = self._push_steps[indices] > 0
         if pushed.any():
             # mjSTATE order: controls come before applied forces; body 1 is the pelvis.
             spec |= mujoco.mjtState.mjSTATE_XFRC_APPLIED
-            forces = np.zeros((len(indices), self.model.nbody, 6))
+            forces = np.zeros((count, self.model.nbody, 6))
             forces[:, 1, :3] = self._push[indices] * pushed[:, None]
-            controls = np.concatenate([controls, forces.reshape(len(indices), 1, -1)], axis=2)
+            actions = np.concatenate([actions, forces.reshape(count, -1)], axis=1)
+            controls = np.empty((count, self._substeps, actions.shape[1]))
+        controls[:] = actions[:, None]
         whole = steps == self._substeps
         return self._pool.rollout(
             [self._models[i] for i in indices],
             self._data,
             self.physics[indices],
-            controls,
+            controls[:, :steps],
             control_spec=int(spec),
             nstep=steps,
-            state=self._trajectory[: len(indices), :steps] if whole else None,
-            sensordata=self._readings[: len(indices), :steps] if whole else None,
+            state=self._trajectory[:count] if whole else None,
+            sensordata=self._readings[:count] if whole else None,
             chunk_size=1,  # larger chunks leave a thread without work at the end
+            # The checks ask every model for its sizes, each time; the constructor has done so.
+            skip_checks=whole,
         )
 
     def _advance(self, moving: np.ndarray, actions: np.ndarray) -> None:
@@ -289,7 +291,8 @@ class Simulator:
         kept = moving[good]
         self.physics[kept] = physics[good]
         self._sensors[kept] = sensors[good, -1]
-        force = sensors[:, :, _FORCES].mean(axis=1)
+        # The mean, in a third of the time of ndarray.mean and with the same bits.
+        force = np.einsum("nks->ns", sensors[..., _FORCES]) / self._substeps
         self._force[kept] = force[good].reshape(-1, 2, 3)
         height = physics[good, 3]
         self.fallen[moving[~good]] = True

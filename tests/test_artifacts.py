@@ -10,7 +10,7 @@ import pytest
 from artifact_toys import Counted, Parameters, damage_flip, make
 
 from cassie_lib import artifacts, paths
-from cassie_lib.artifacts import stages, store
+from cassie_lib.artifacts import equal_code, stages, store
 from cassie_lib.artifacts.__main__ import main
 from cassie_lib.code_version import code_fingerprint, file_fingerprint
 from cassie_lib.errors import ArtifactError, ParameterError, UnknownNameError
@@ -121,6 +121,30 @@ def test_changed_code_is_told_in_the_notice(monkeypatch):
     assert "simulator.py" in artifact.notice[0]
     later = make(stage="mlp", upstream=[artifact])
     assert artifact.notice[0] in later.notice, "what is built on it says so too"
+
+
+def test_a_version_with_the_same_bits_brings_no_notice(monkeypatch):
+    name, present, older, other = "simulator.py", "1" * 16, "2" * 16, "3" * 16
+    monkeypatch.setattr(equal_code, "EQUAL", {name: (present, frozenset({older}))})
+
+    def notice(made, now):
+        monkeypatch.setattr(stages, "code_fingerprint", lambda modules: {name: made})
+        shutil.rmtree(paths.CACHE, ignore_errors=True)
+        make()
+        monkeypatch.setattr(stages, "code_fingerprint", lambda modules: {name: now})
+        return make().notice
+
+    assert notice(older, present) == ()
+    assert notice(other, present), "another version is another"
+    assert notice(older, other), "changed once more: the proof is of another version"
+    assert notice(present, older), "the older version does not stand for the present one"
+
+
+def test_versions_with_the_same_bits_are_those_of_today():
+    """A file that is changed again needs another proof, or its line goes."""
+    for name, (present, older) in equal_code.EQUAL.items():
+        assert code_fingerprint((name.removesuffix(".py"),)) == {name: present}
+        assert present not in older
 
 
 def test_the_batch_runner_learns_which_artifacts_were_used(tmp_path, monkeypatch):

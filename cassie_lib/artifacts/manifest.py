@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cassie_lib import paths
+from cassie_lib.artifacts.equal_code import same_code
 from cassie_lib.artifacts.stages import get_stage, recipe_key
 from cassie_lib.errors import ArtifactError
 from cassie_lib.files import canonical_json, sha256_file, sha256_text
@@ -163,11 +164,15 @@ def check_files(folder: Path, manifest: dict[str, Any]) -> None:
 
 
 def code_notice(manifest: dict[str, Any]) -> tuple[str, ...]:
-    """Name the source files that have changed since an artifact was made, if any."""
+    """Name the source files that have changed since an artifact was made, if any.
+
+    A version that is proven to make the same bits has not changed:
+    :mod:`~cassie_lib.artifacts.equal_code`.
+    """
     stage, made = get_stage(manifest["stage"]), manifest["code"]
     now = stage.code()
     known = (made.keys() | now.keys()) - set(stage.without)
-    changed = sorted(name for name in known if made.get(name) != now.get(name))
+    changed = sorted(name for name in known if not same_code(name, made.get(name), now.get(name)))
     if not changed:
         return ()
     name = f"{manifest['stage']}-{manifest['key'][:12]}"

@@ -2,8 +2,9 @@
 
 Prints physics steps per second of N = 64 robots on all cores; the share of twice the rate of one
 thread that never leaves C, beside the share that as many threads reach without leaving C (what the
-machine itself loses); PPO's control steps per second; the import time of the package.  Run it on an
-idle machine.
+machine itself loses) and the share of the time that the cores were busy (what Python and waiting
+for the last robot lose, whatever the clock does); PPO's control steps per second; the import time
+of the package.  Run it on an idle machine.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ def _start(simulator: Simulator) -> np.ndarray:
     return reference.motor_position - robot.neutral_pose()
 
 
-def batched_seconds(simulator: Simulator) -> float:
-    """Seconds for ten control steps of :class:`Simulator`, Python included."""
+def batched_seconds(simulator: Simulator) -> tuple[float, float]:
+    """Wall and processor seconds for ten steps of :class:`Simulator`, Python included."""
     cycle = _start(simulator)
-    began = time.perf_counter()
+    began, used = time.perf_counter(), time.process_time()
     for _ in range(CONTROL_STEPS):
         simulator.step(cycle[(simulator.phase + 1) % 28])
-    return time.perf_counter() - began
+    return time.perf_counter() - began, time.process_time() - used
 
 
 def c_only_seconds(simulator: Simulator, data: list[mujoco.MjData], pool) -> float:
@@ -53,25 +54,26 @@ def c_only_seconds(simulator: Simulator, data: list[mujoco.MjData], pool) -> flo
     return time.perf_counter() - began
 
 
-def simulation_rates(cores: int) -> np.ndarray:
-    """Physics steps per second: batched, one thread in C alone, all in C alone: ``(3, TURNS)``.
+def simulation_rates(cores: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rates and busy share of the cores, turn by turn.
 
     Measured in turn, because the clock of a shared machine drifts by more than what is measured.
+
+    Returns:
+        Physics steps per second batched, by one thread in C alone and by all in C alone,
+        ``(3, TURNS)``; and the share of the batched time that the cores were busy, ``(TURNS,)``.
     """
-    simulator, seconds = Simulator(ROBOTS), []
+    simulator, seconds, busy = Simulator(ROBOTS), [], []
     data = [mujoco.MjData(simulator.model) for _ in range(cores)]
     steps = ROBOTS * CONTROL_STEPS * 60
     one, all_ = mujoco.rollout.Rollout(nthread=0), mujoco.rollout.Rollout(nthread=cores)
     with one, all_:
         for _ in range(TURNS):
-            seconds.append(
-                (
-                    batched_seconds(simulator),
-                    c_only_seconds(simulator, data[:1], one),
-                    c_only_seconds(simulator, data, all_),
-                )
-            )
-    return steps / np.array(seconds).T
+            wall, used = batched_seconds(simulator)
+            alone = c_only_seconds(simulator, data[:1], one)
+            seconds.append((wall, alone, c_only_seconds(simulator, data, all_)))
+            busy.append(used / (cores * wall))
+    return steps / np.array(seconds).T, np.array(busy)
 
 
 def import_seconds() -> tuple[float, bool]:
@@ -102,10 +104,11 @@ def ppo_rate() -> float:
 def main() -> None:
     """Print the figures."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    batched, alone, threaded = simulation_rates(cores)
+    (batched, alone, threaded), busy = simulation_rates(cores)
     quarters = (25, 50, 75)
     share = np.percentile(batched / (cores * alone), quarters)
     machine = np.percentile(threaded / (cores * alone), quarters)
+    at_work = np.percentile(busy, quarters)
     seconds, torch = import_seconds()
     print(f"cores {cores}")
     print(f"batched, N = {ROBOTS}, 0.5 ms: {np.median(batched):,.0f} physics steps/s")
@@ -114,6 +117,8 @@ def main() -> None:
           f"(quartiles {share[0]:.1%}, {share[2]:.1%})")  # fmt: skip
     print(f"{cores} threads, C only, the same share: {machine[1]:.1%} "
           f"(quartiles {machine[0]:.1%}, {machine[2]:.1%})")  # fmt: skip
+    print(f"cores busy while batched: {at_work[1]:.1%} "
+          f"(quartiles {at_work[0]:.1%}, {at_work[2]:.1%})")  # fmt: skip
     print(f"import of robot and simulator: {seconds:.2f} s, torch imported: {torch}")
     print(f"recurrent PPO with learning: {ppo_rate():,.0f} control steps/s")
 

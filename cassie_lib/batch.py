@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 from cassie_lib import paths
+from cassie_lib.artifacts.ledger import computed_since
 from cassie_lib.artifacts.recompute import begin_request, end_request, requested_stages
 from cassie_lib.errors import CassieError
 from cassie_lib.files import locked
@@ -90,6 +91,8 @@ def run_figures(
         print(f"up to date: {', '.join(path.stem for path in notebooks)}")
     if code == 0 and recompute:
         end_request(preset)
+        count, seconds = computed_since(since, preset)
+        print(f"computed anew: {count} results in {seconds / 3600:.2f} h, side by side or not")
     return code
 
 

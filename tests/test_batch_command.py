@@ -6,9 +6,11 @@ import json
 from types import SimpleNamespace
 
 import pytest
+from artifact_toys import Parameters, damage_empty, make
 
 from cassie_lib import batch, paths
 from cassie_lib.artifacts import recompute
+from cassie_lib.artifacts.ledger import computed_since
 from cassie_lib.stamps import stamp_file, write_stamp
 
 
@@ -34,7 +36,7 @@ def commands(monkeypatch):
         found.calls.append(command)
         return SimpleNamespace(returncode=found.code)
 
-    monkeypatch.setattr(batch.subprocess, "run", pretend)
+    monkeypatch.setattr(batch, "subprocess", SimpleNamespace(run=pretend))
     monkeypatch.setattr(batch, "_finish", found.finished.append)
     return found
 
@@ -88,6 +90,25 @@ def test_failed_figures_finish_nothing_and_keep_the_request(house, commands, cap
     assert config(commands.calls[1])["since"] == first["since"]
     assert stamp_file("smoke", "02").exists()
     assert not recompute.request_file("smoke").exists()
+
+
+def test_a_finished_request_says_what_it_has_computed(house, commands, capsys, monkeypatch):
+    make(preset="smoke")
+    arguments = ["figures", "--preset", "smoke", "--recompute", "data,cem"]
+    commands.code = 1
+    assert batch.main(arguments) == 1
+    # The request was interrupted; what is made from here on belongs to it.
+    monkeypatch.setenv(recompute.REQUEST, "data,cem")
+    monkeypatch.setenv(recompute.SINCE, config(commands.calls[0])["since"])
+    anew = [make(preset="smoke"), make(stage="cem", preset="smoke, not kept")]
+    damage_empty(make(Parameters(size=4), preset="smoke").path / "manifest.json")
+    make(Parameters(size=5), preset="laptop")
+    capsys.readouterr()
+    commands.code = 0
+    assert batch.main(arguments) == 0
+    since = float(config(commands.calls[1])["since"])
+    assert computed_since(since, "smoke") == (2, sum(item.wall_time_s for item in anew))
+    assert "computed anew: 2 results in 0.00 h" in capsys.readouterr().out
 
 
 def test_a_single_run_hands_over_parameters_and_its_request(house, monkeypatch):

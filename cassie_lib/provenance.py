@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cassie_lib.artifacts import Artifact, Upstream
+from cassie_lib.artifacts.ledger import from_nothing_s
 from cassie_lib.code_version import git_commit, library_versions, lock_hash
 from cassie_lib.errors import ParameterError
 
@@ -72,6 +73,11 @@ class Provenance:
     def notices(self) -> tuple[str, ...]:
         """What the artifacts have to say about themselves, each line once."""
         return tuple(dict.fromkeys(line for item in self.artifacts for line in item.notice))
+
+    @property
+    def from_nothing_s(self) -> float:
+        """Wall time of all artifacts and of everything that they rest on (s)."""
+        return from_nothing_s(self.artifacts)
 
     def line(self) -> str:
         """One line for a reader: preset, seeds, cache or recomputed, commit, lock, notices."""

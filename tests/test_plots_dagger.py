@@ -104,7 +104,7 @@ def test_progress_draws_medians_intervals_and_errors(walks, tmp_path):
             "before": [0.0, 1.0 * i], "after": [0.0, 0.5 * i]}}})
         for i in (1, 2)
     ]  # fmt: skip
-    figure, data = plots.plot_progress(runs, errors, rounds, 155)
+    figure, data = plots.plot_progress(runs, {"keep": errors}, {"keep": rounds}, 155)
     left, middle, right = figure.axes
     assert data["keep"]["median"].tolist() == [4, 14, 24]
     bounds = np.array([bootstrap_interval(found.planner_steps) for found in walks[:3]]).T
@@ -116,13 +116,19 @@ def test_progress_draws_medians_intervals_and_errors(walks, tmp_path):
     caps = [line.get_ydata() for line in drawn["keep"].lines[1]]
     np.testing.assert_allclose(caps, bounds)
     assert lines(left)["thesis (total)"] == ([2], [155])
-    for name, values in errors.items():
-        np.testing.assert_array_equal(lines(middle)[name][1], values)
-    assert lines(right)["before"][1].tolist() == [1.0, 2.0]
-    assert lines(right)["after"][1].tolist() == [0.5, 1.0]
+    for curve, values in zip(middle.get_lines(), errors.values(), strict=False):
+        np.testing.assert_array_equal(curve.get_ydata(), values)
+    before, after = right.get_lines()[:2]
+    assert before.get_ydata().tolist() == [1.0, 2.0]
+    assert after.get_ydata().tolist() == [0.5, 1.0]
+    # Colour tells the run, the line whose states or when; the same colour in every panel.
+    assert before.get_color() == after.get_color() == middle.get_lines()[0].get_color()
+    assert before.get_color() == drawn["keep"].lines[0].get_color()
+    assert [text.get_text() for text in right.get_legend().get_texts()] == ["before", "after"]
+    assert [text.get_text() for text in middle.get_legend().get_texts()] == ["expert", "planner"]
     found = saved(write_plotted_data(tmp_path, "f", data))
     assert found["keep"]["median"] == [4, 14, 24]
-    assert found["round's data, after retraining"]["relative_error"] == [0.5, 1.0]
+    assert found["round's data, after retraining, keep"]["relative_error"] == [0.5, 1.0]
 
 
 def test_videos_end_together_at_the_shortest_and_the_longest_episode(monkeypatch):

@@ -163,3 +163,25 @@ def test_costs_are_drawn_in_milliseconds_and_megabytes(tmp_path):
     found = saved(write_plotted_data(tmp_path, "f", data))["gradient"]
     assert found["memory_bytes"] == [2**20, 20 * 2**20]
     assert found["seconds"] == [0.1, 2.0]
+
+
+def test_no_fall_no_mark_and_one_label_for_what_several_panels_show(trial):
+    upright = toy_trial([40, 40], 40, handover=10)
+    figure, (top, bottom) = plt.subplots(2)
+    plots.reward_panel(top, upright, BASELINES)
+    assert "fall of a seed" not in lines(top)
+    plots.reward_panel(bottom, trial, BASELINES)
+    plots.panels_legend(figure, (top, bottom))
+    (legend,) = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert len(labels) == len(set(labels))
+    assert {"fall of a seed", "π*", "hand-over to the planner"} <= set(labels)
+
+
+def test_the_thesis_fall_is_not_drawn_past_the_end_of_a_shorter_trial(trial):
+    short = toy_trial([20], 20, handover=10)
+    figure, _ = plots.plot_rewards(trial, short, {"warm": trial}, BASELINES, 30)
+    assert "thesis: fall at 30" in lines(figure.axes[0])
+    assert "thesis: fall at 30" not in lines(figure.axes[1])
+    figure, _ = plots.plot_rewards(trial, short, {"warm": trial}, BASELINES, 15)
+    assert "thesis: fall at 15" in lines(figure.axes[1])

@@ -15,7 +15,13 @@ from cassie_lib.plots.transformer import CAUSAL_LABEL, THESIS_LABEL, Curve
 from cassie_lib.provenance import CHANGED
 
 PRESET = presets.get_preset("laptop")
-ARTIFACT = SimpleNamespace(wall_time_s=120.0)
+def computed(seconds, number=0):
+    """An artifact that rests on nothing stored."""
+    manifest = {"wall_time_s": seconds, "upstream_digests": {"data-0123456789ab": "gone"}}
+    return SimpleNamespace(name=f"toy-{number}", manifest=manifest)
+
+
+ARTIFACT = computed(120.0)
 
 
 @pytest.fixture(autouse=True)
@@ -121,7 +127,7 @@ def rows(*losses):
 )
 def test_grid_compares_the_best_point_with_every_seed_of_the_choice(best, verdict):
     table = rows(("", 1.0), ("", 1.1), ("", 1.5), ("dropout 0.2", 1.9), ("context 50", best))
-    artifacts = [SimpleNamespace(wall_time_s=10.0)] * 5
+    artifacts = [computed(10.0, number) for number in range(5)]
     (record,) = claims.record_grid(PRESET, table, artifacts)
     assert record == stored()["05-grid"]
     assert record["value"] == pytest.approx(best / 1.1)
@@ -143,3 +149,32 @@ def test_lines_name_thesis_and_both_models():
     assert text[0] == (f"train: thesis 0.0018, here 0.18 ({THESIS_LABEL}), 0.011 ({CAUSAL_LABEL})")
     assert len(text) == 4
     assert "epochs per predicted step: 3, 2, 4" in text[3]
+
+
+def penalised_log(sums, penalties):
+    log = make_log(AS_THESIS)
+    for name, values in {"penalised": sums, "gradient_penalty": penalties}.items():
+        log[f"train/{name}"] = Curve(np.arange(2), np.arange(2), np.array(values))
+    return log
+
+
+@pytest.mark.parametrize(
+    ("sums", "penalties", "verdict"),
+    [
+        ((5.0, 1.4), (2.0, 0.1), "reproduced"),
+        # The thesis reads its curve as a falling Lipschitz constant: the sum alone is not enough.
+        ((5.0, 1.4), (0.1, 2.0), "not reproduced"),
+        ((1.0, 1.4), (2.0, 0.1), "not reproduced"),
+    ],
+)
+def test_final_losses_stand_beside_the_thesis(sums, penalties, verdict):
+    claims.record_losses(PRESET, penalised_log(sums, penalties), ARTIFACT, 1_000)
+    found = stored()
+    losses, penalised = found["05-losses"], found["05-penalised"]
+    assert (losses["value"], losses["thesis_value"]) == (0.13, 0.0013)
+    assert losses["verdict"] == "not comparable", "units unknown"
+    assert "training 0.18, validation 0.16; 3 of 10 predicted steps" in losses["reason"]
+    assert "1,000 of 12,919,393 weights, 9 of 1000 epochs" in losses["protocol"]
+    assert (penalised["value"], penalised["thesis_value"]) == (1.4, 0.023)
+    assert penalised["verdict"] == verdict
+    assert f"from {sums[0]:.3g}; penalty before λ from {penalties[0]:.2g}" in penalised["reason"]

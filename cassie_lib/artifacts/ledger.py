@@ -1,8 +1,10 @@
-"""How much work a request to compute anew has been, over all its sessions."""
+"""How much work it was: to compute anew what was asked for, and all that a result rests on."""
 
 from __future__ import annotations
 
-from cassie_lib.artifacts.manifest import read_manifest
+from collections.abc import Iterable
+
+from cassie_lib.artifacts.manifest import Artifact, read_manifest
 from cassie_lib.artifacts.store import stored
 from cassie_lib.errors import ArtifactError
 
@@ -32,4 +34,23 @@ def computed_since(since: float, preset: str) -> tuple[int, float]:
     return len(found), sum(found.values())
 
 
-__all__ = ["computed_since"]
+def from_nothing_s(results: Iterable[Artifact]) -> float:
+    """Wall time of results and of everything that they rest on, in s; each counts once.
+
+    What is not stored at the moment (data that a stored model was trained on) cannot be counted.
+    """
+    places = {folder.name: folder for folder in reversed(stored())}
+    times: dict[str, float] = {}
+    rest = {item.name: item.manifest for item in results}
+    while rest:
+        name, manifest = rest.popitem()
+        times[name] = float(manifest["wall_time_s"])
+        for upstream in manifest["upstream_digests"].keys() & places.keys() - times.keys():
+            try:
+                rest[upstream] = read_manifest(places[upstream])
+            except ArtifactError:
+                continue  # damage is told by whoever loads it
+    return sum(times.values())
+
+
+__all__ = ["computed_since", "from_nothing_s"]

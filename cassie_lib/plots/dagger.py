@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -17,7 +17,7 @@ from cassie_lib.dynamics.windows import Transitions
 from cassie_lib.errors import DataError
 from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN, bootstrap_interval
 from cassie_lib.planning.episodes import PlannedEpisodes
-from cassie_lib.plots.planning import reward_panel
+from cassie_lib.plots.planning import panels_legend, reward_panel
 from cassie_lib.robot.rendering import pictures
 
 Drawn = tuple[Figure, Mapping[str, Any]]
@@ -28,7 +28,7 @@ SHOWN_ROUNDS = (0, 1, 2, -1)
 def plot_round_rewards(
     trials: Sequence[PlannedEpisodes], lines: Mapping[str, float], thesis_fall: int
 ) -> Drawn:
-    """Reward until the fall after rounds 0, 1, 2 and the last one (Figure 5.8).
+    """Reward until the fall or the end after rounds 0, 1, 2 and the last one (Figure 5.8).
 
     Args:
         trials: Gradient-CEM after each round, round 0 first.
@@ -47,7 +47,7 @@ def plot_round_rewards(
                      f"steps")  # fmt: skip
         ax.set_xlim(0, 1.01 * found.recording.actions.shape[1])
     axes[-1, 0].set_xlabel("control step (0.03 s each)")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    panels_legend(figure, axes[:, 0])
     return figure, data
 
 
@@ -89,43 +89,54 @@ def planner_errors(
 
 def plot_progress(
     runs: Mapping[str, Sequence[PlannedEpisodes]],
-    errors: Mapping[str, np.ndarray],
-    rounds: Sequence[Round],
+    errors: Mapping[str, Mapping[str, np.ndarray]],
+    rounds: Mapping[str, Sequence[Round]],
     thesis_steps: int,
 ) -> Drawn:
-    """Planner-only steps and model errors against the round.
+    """Planner-only steps and model errors against the round; a run has one colour in all panels.
 
     Args:
-        runs: Trials after each round by label (keeping everything, beta-decay); round 0 first.
-        errors: Of :func:`planner_errors`.
-        rounds: The rounds, with their reports.
+        runs: Trials after each round by label; round 0 first.
+        errors: Of :func:`planner_errors` by label, for some of the runs.
+        rounds: The rounds, with their reports, by label, for some of the runs.
         thesis_steps: Of the thesis after two rounds.
     """
-    figure, axes = plt.subplots(1, 3, figsize=(COLUMN_WIDTH_IN, 2.8), width_ratios=(1.3, 1, 1))
-    data = {label: _steps_panel(axes[0], label, trials, place)
+    figure, axes = plt.subplots(1, 3, figsize=(COLUMN_WIDTH_IN, 3.1), width_ratios=(1.3, 1, 1))
+    data: dict[str, Any] = {label: _steps_panel(axes[0], label, trials, place)
             for place, (label, trials) in enumerate(runs.items())}  # fmt: skip
+    tones = dict(zip(runs, COLOURS.values(), strict=False))
     axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
     axes[0].plot([], [], "^", color="black", ms=4, mfc="white", label="trial ended first")
-    axes[0].set(yscale="symlog", xlabel="round", title="planner-only steps")
+    axes[0].set(yscale="symlog", ylabel="control steps", title="planner-only steps")
     axes[0].set_ylim(0, 2 * axes[0].get_ylim()[1])
-    axes[0].legend(fontsize=6.5)
-    for name, tone in zip(errors, (COLOURS["green"], COLOURS["vermillion"]), strict=False):
-        values = errors[name]
-        axes[1].plot(np.arange(len(values)), values, "o-", ms=3.5, color=tone, label=name)
-        data[name] = {"round": np.arange(len(values)), "relative_error": values}
-    axes[1].set(yscale="log", xlabel="round", title="model error, last step")
-    axes[1].legend(fontsize=6.5)
-    numbers = np.array([item.index for item in rounds])
-    for when, style in (("before", "o--"), ("after", "s-")):
-        values = np.array([item.report["relative_error"]["round"][when][-1] for item in rounds])
-        axes[2].plot(numbers, values, style, ms=3.5, color=COLOURS["blue"], label=when,
-                     mfc="white" if when == "before" else None)  # fmt: skip
-        data[f"round's data, {when} retraining"] = {"round": numbers, "relative_error": values}
-    axes[2].set(ylim=(0.0, None), xlabel="round", title="error on its new data")
-    axes[2].legend(title="retraining", title_fontsize=6.5, fontsize=6.5)
+    for label, found in errors.items():
+        for (name, values), style in zip(found.items(), ("o--", "s-"), strict=False):
+            axes[1].plot(np.arange(len(values)), values, style, ms=3.5, color=tones[label])
+            data[f"{name}, {label}"] = {"round": np.arange(len(values)), "relative_error": values}
+    _explain(axes[1], next(iter(errors.values())), "states of")
+    axes[1].set(yscale="log", ylabel="squared error / variance", title="model, last step")
+    for label, made in rounds.items():
+        numbers = np.array([item.index for item in made])
+        for when, style in (("before", "o--"), ("after", "s-")):
+            values = np.array([item.report["relative_error"]["round"][when][-1] for item in made])
+            axes[2].plot(numbers, values, style, ms=3.5, color=tones[label])
+            data[f"round's data, {when} retraining, {label}"] = {
+                "round": numbers, "relative_error": values
+            }  # fmt: skip
+    _explain(axes[2], ("before", "after"), "retraining")
+    axes[2].set(ylim=(0.0, None), title="on the round's own data")
     for ax in axes:
-        ax.set_xticks(range(len(rounds) + 1))
+        ax.set_xticks(range(max(len(trials) for trials in runs.values())))
+        ax.set_xlabel("round")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure, data
+
+
+def _explain(ax: Axes, names: Iterable[str], title: str) -> None:
+    """Legend of the two lines of a panel, whatever the colour: dashed first, then solid."""
+    for name, style in zip(names, ("o--", "s-"), strict=False):
+        ax.plot([], [], style, ms=3.5, color="0.35", label=name.removesuffix(" states"))
+    ax.legend(title=title, title_fontsize=6.5, fontsize=6.5)
 
 
 def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes], place: int):

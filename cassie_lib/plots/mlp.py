@@ -116,7 +116,9 @@ def plot_curriculum(
         epochs, values = curves[f"{name}/state_prediction"]
         left.plot(epochs, values, color=COLOURS[colour], linestyle=_LINES[name], label=name)
         table[f"{name} curve"] = {"epoch": epochs, "loss": values}
-    for epoch in curves.get("increment", (np.array([]),))[0]:
+    begun = curves.get("increment", (np.array([]),))[0]
+    # An increment after the last epoch begins a step that was never trained.
+    for epoch in begun[begun < epochs[-1]]:
         left.axvline(epoch + 0.5, color="red", linestyle="-", linewidth=0.7)
     for name in losses:
         steps = np.arange(1, len(losses[name]) + 1)

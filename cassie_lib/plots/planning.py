@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
 
 from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
 from cassie_lib.planning.cost_sweep import GradientCost, Sweep
@@ -59,15 +60,23 @@ def reward_panel(
                      label=f"thesis: fall at {thesis_fall}")  # fmt: skip
     fallen = np.flatnonzero(found.recording.fell & (length > 0))
     where = length[fallen]
-    (falls,) = axes.plot(
-        where, reward[fallen, where - 1], "x", color=COLOURS["vermillion"], ms=5, mew=1.3,
-        label="fall of a seed", clip_on=False, zorder=5,
-    )  # fmt: skip
-    # Without a fall the unclipped marker lies in the figure's corner, and the layout reaches there.
-    falls.set_in_layout(False)
+    if len(fallen):
+        axes.plot(
+            where, reward[fallen, where - 1], "x", color=COLOURS["vermillion"], ms=5, mew=1.3,
+            label="fall of a seed", clip_on=False, zorder=5,
+        )  # fmt: skip
     axes.set(ylim=(0.0, 1.02), yticks=np.linspace(0.0, 1.0, 6), ylabel="Eq 3.10 per step")
     return {"step": steps, "median": middle, "low": low, "high": high,
             "seeds_upright": np.isfinite(upright).sum(axis=0)}  # fmt: skip
+
+
+def panels_legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    """One legend over the figure for all that is drawn in some panel, each label once."""
+    found: dict[str, Any] = {}
+    for ax in panels:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=4)
 
 
 def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[str, Any]:
@@ -80,10 +89,11 @@ def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[st
         # Upright for at least so many steps; at the end all that have not fallen remain.
         share = (found.planner_steps[:, None] >= steps).mean(axis=0)
         style = ("-", "--", "-.", ":")[index % 4]
-        axes.plot(steps, share, style, color=tones[index % len(tones)], label=label,
-                  drawstyle="steps-post")  # fmt: skip
+        # Later lines are thinner: those that coincide show through one another.
+        tone, width = tones[index % len(tones)], max(1.0, 4.0 - 0.6 * index)
+        axes.plot(steps, share, style, color=tone, lw=width, label=label, drawstyle="steps-post")
         if share[-1] > 0:
-            axes.plot(steps[-1], share[-1], ">", color=tones[index % len(tones)], ms=4)
+            axes.plot(steps[-1], share[-1], ">", color=tone, ms=max(3.0, 9.0 - 1.2 * index))
         data[label] = {"planner_steps": steps, "share_upright": share}
     axes.set(xlabel="planner-only control steps", ylabel="share of seeds upright")
     axes.set_xlim(left=0.0)
@@ -100,7 +110,7 @@ def plot_rewards(
     lines: Mapping[str, float],
     thesis_fall: int,
 ) -> Drawn:
-    """Reward until the fall (Figures 5.6 and 5.7), on the learned model and on the true one.
+    """Reward until the fall or the end, on the learned and the true model (Figures 5.6, 5.7).
 
     Args:
         learned: The planner on the learned model.
@@ -113,19 +123,19 @@ def plot_rewards(
         3, 1, figsize=(COLUMN_WIDTH_IN, 6.0), height_ratios=(1.25, 1.0, 1.0)
     )
     top = reward_panel(axes[0], learned, lines, thesis_fall=thesis_fall)
-    middle = reward_panel(axes[1], oracle, lines, colour=COLOURS["orange"], thesis_fall=thesis_fall)
+    steps = oracle.recording.actions.shape[1]
+    middle = reward_panel(axes[1], oracle, lines, colour=COLOURS["orange"],
+                          thesis_fall=thesis_fall if thesis_fall < steps else None)  # fmt: skip
     seeds, few = len(learned.recording.length), len(oracle.recording.length)
     axes[0].set_title(f"planning on the learned model, {seeds} seeds")
     axes[1].set_title(f"the same planner on the true simulator, {few} seed" + "s" * (few > 1))
-    steps = oracle.recording.actions.shape[1]
     for ax in axes[:2]:
         ax.set_xlabel("control step (0.03 s each)")
         ax.set_xlim(0, 1.01 * learned.recording.actions.shape[1])
     axes[1].axvspan(steps, axes[1].get_xlim()[1], color="0.93", lw=0)
     axes[1].text(steps, 0.05, "  not run: too expensive", fontsize=6.5, color="0.4")
     survival = survival_panel(axes[2], {**means, "true simulator": oracle})
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    panels_legend(figure, axes[:2])
     return figure, {"learned": top, "oracle": middle} | {
         f"upright, {name}": columns for name, columns in survival.items()
     }
@@ -154,11 +164,10 @@ def plot_imagined(trials: Mapping[str, PlannedEpisodes], horizon: int) -> Drawn:
     low, high = left.get_xlim()
     left.plot([low, high], [low, high], "-", color="0.5", lw=0.8, label="equal")
     left.set(xlabel="realised return (Eq 3.11)", ylabel="imagined return (Eq 3.11)")
-    left.legend(loc="lower right")
     right.axhline(0.0, color="0.5", lw=0.8)
     right.invert_xaxis()
     right.set(xlabel="control steps before the end", ylabel="imagined − realised (median)")
-    right.legend(loc="upper left")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure, data
 
 
@@ -210,6 +219,9 @@ def plot_costs(sweeps: Sequence[Sweep], gradients: Sequence[GradientCost]) -> Dr
         linear = 1e3 * sweep.seconds[-1] * sweep.values / sweep.values[-1]
         ax.loglog(sweep.values, linear, ":", color="0.5", label="proportional")
         ax.set_xticks(sweep.values, [str(value) for value in sweep.values])
+        # A few hundred milliseconds hold one power of ten at most: 1, 2 and 5 of each are named.
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.minorticks_off()
         ax.set(xlabel=labels[sweep.name], ylabel="one plan, C = 1 (ms)")
         ax.set_title(f"time ∝ {_SYMBOL.get(sweep.name, sweep.name)}$^{{{sweep.exponent:.2f}}}$")

@@ -129,6 +129,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.command == "run":
+            resolve(options.preset)
             parameters = dict(parse_parameter(text) for text in options.parameter)
             stages = options.recompute.replace("+", ",")
             since = (options.since or begin_request(stages, options.preset)) if stages else 0.0

@@ -6,6 +6,7 @@ import ast
 import json
 import platform
 import subprocess
+import sys
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -18,11 +19,20 @@ LIBRARIES = ("numpy", "scipy", "mujoco", "gymnasium", "torch", "safetensors")
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
-def _without_docstrings(tree: ast.AST) -> ast.AST:
+#: Python 3.13 leaves empty lists out unless told otherwise.
+_EMPTY_TOO = {"show_empty": True} if sys.version_info >= (3, 13) else {}
+
+
+def _syntax(text: str) -> str:
+    """Syntax tree without docstrings as text, the same on every supported version of Python."""
+    tree = ast.parse(text)
     for node in ast.walk(tree):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             node.body = node.body[1:]
-    return tree
+        # A field that Python 3.12 has added; what is in use stays in the fingerprint.
+        if getattr(node, "type_params", None) == []:
+            delattr(node, "type_params")
+    return ast.dump(tree, **_EMPTY_TOO)
 
 
 @cache
@@ -33,7 +43,7 @@ def file_fingerprint(path: Path) -> str:
     """
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
-        text = ast.dump(_without_docstrings(ast.parse(text)))
+        text = _syntax(text)
     elif path.suffix == ".xml":
         text = ElementTree.canonicalize(text, strip_text=True)
     elif path.suffix == ".json":

@@ -1,7 +1,8 @@
 """The only module that knows a folder.
 
 ``CASSIE_HOME`` names the repository when the package is not installed from it in place;
-``CASSIE_CACHE`` moves the artifacts that regenerate (``data/cache`` by default).
+``CASSIE_CACHE`` moves the artifacts that regenerate (``data/cache`` by default).  Relative ones
+are meant from the current folder and from the repository; an empty one counts as not set.
 """
 
 from __future__ import annotations
@@ -10,12 +11,16 @@ import os
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
-ROOT = Path(os.environ.get("CASSIE_HOME", PACKAGE.parent)).expanduser().resolve()
+ROOT = Path(os.environ.get("CASSIE_HOME") or PACKAGE.parent).expanduser().resolve()
 NOTEBOOKS = ROOT / "notebooks"
 FIGURES = ROOT / "figures"
 DATA = ROOT / "data"
 #: Artifacts that are recomputed in minutes; not kept in git.
-CACHE = Path(os.environ.get("CASSIE_CACHE", DATA / "cache")).expanduser().resolve()
+CACHE = (ROOT / Path(os.environ.get("CASSIE_CACHE") or DATA / "cache").expanduser()).resolve()
+# A notebook's kernel and Snakemake's jobs have current folders of their own.
+for _name, _path in {"CASSIE_HOME": ROOT, "CASSIE_CACHE": CACHE}.items():
+    if os.environ.get(_name):
+        os.environ[_name] = str(_path)
 LOCK = ROOT / "environment.lock"
 README = ROOT / "README.md"
 SNAKEFILE = NOTEBOOKS / "Snakefile"

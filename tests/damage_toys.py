@@ -29,7 +29,7 @@ class Computed:
     class Anew(Exception):  # noqa: N818
         """An artifact of this name is about to be computed."""
 
-    def __call__(self, record, compute, upstream, fresh_code):
+    def __call__(self, record, compute, upstream, since):
         raise self.Anew(f"{record['stage']}-{record['key'][:12]}")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import shutil
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 from artifact_toys import Counted, Parameters, damage_flip, make
 
 from cassie_lib import artifacts, paths
-from cassie_lib.artifacts import equal_code, stages, store
+from cassie_lib.artifacts import equal_code, recompute, stages, store
 from cassie_lib.artifacts.__main__ import main
 from cassie_lib.code_version import code_fingerprint, file_fingerprint
 from cassie_lib.errors import ArtifactError, ParameterError, UnknownNameError
@@ -110,6 +112,56 @@ def test_kept_artifacts_are_found_without_a_cache():
     damage_flip(loaded.path / "weights.bin")
     with pytest.raises(ArtifactError, match=r"weights\.bin"):
         make(compute=compute)
+
+
+def later_copy(artifact, content):
+    """The same recipe computed again elsewhere, an hour later, as a pull brings it to data/."""
+    elsewhere, later = paths.CACHE.with_name("elsewhere"), time.time() + 3600
+    shutil.rmtree(paths.DATA)
+    with pytest.MonkeyPatch.context() as other:
+        other.setattr(paths, "CACHE", elsewhere)
+        other.setattr(store.time, "time", lambda: later)
+        make(compute=Counted(content), preset="laptop", kept=True)
+    shutil.rmtree(elsewhere)
+    return paths.DATA / artifact.name
+
+
+def test_an_old_copy_in_the_cache_does_not_come_over_a_later_one_in_git():
+    old = make(compute=Counted("old"), preset="laptop", kept=True)
+    kept = later_copy(old, "new")
+    used = make(compute=Counted("never"), preset="laptop", kept=True)
+    assert used.path == kept, "the later result is the one that is used"
+    assert artifacts.keep(old) == kept
+    assert "new" in (kept / "sub" / "log.csv").read_text()
+    # A damaged copy in the cache is told, not passed over.
+    (old.path / "manifest.json").write_text("{}")
+    with pytest.raises(ArtifactError, match="damaged"):
+        make(preset="laptop", kept=True)
+
+
+def test_two_processes_that_keep_the_same_artifact_leave_it_whole():
+    artifact = make(preset="laptop")
+    target = paths.DATA / artifact.name
+    context = multiprocessing.get_context("fork")
+    workers = [context.Process(target=artifacts.keep, args=(artifact,)) for _ in range(8)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join(60)
+    assert [worker.exitcode for worker in workers] == [0] * 8
+    assert artifacts.load(target).digest == artifact.digest
+    assert not list(paths.DATA.glob("*.partial"))
+
+
+def test_what_was_finished_before_a_request_is_not_its_answer(monkeypatch):
+    first = make(compute=Counted("old"))
+    # Killed between the manifest and the renaming.
+    first.path.rename(first.path.with_name(f"{first.path.name}.partial"))
+    monkeypatch.setenv(recompute.REQUEST, "data")
+    monkeypatch.setenv(recompute.SINCE, str(time.time() + 1e-3))
+    compute = Counted("new")
+    assert make(compute=compute).digest != first.digest
+    assert compute.runs == 1
 
 
 def test_changed_code_is_told_in_the_notice(monkeypatch):

@@ -35,6 +35,24 @@ def test_variables_move_the_repository_and_the_cache(tmp_path):
     assert asked("paths.ROBOT_XML.exists()", CASSIE_HOME=home) == "True"
 
 
+def test_relative_folders_do_not_depend_on_who_asks(tmp_path, monkeypatch):
+    (tmp_path / "home" / "notebooks").mkdir(parents=True)
+    expected = str(tmp_path / "home" / "mine")
+    for folder in (tmp_path, tmp_path / "home" / "notebooks"):
+        monkeypatch.chdir(folder)
+        found = asked("paths.CACHE, paths.os.environ['CASSIE_CACHE'], paths.os.getcwd()",
+                      CASSIE_HOME=str(tmp_path / "home"), CASSIE_CACHE="mine")  # fmt: skip
+        assert found.split() == [expected, expected, str(folder)]
+    # What a child process inherits is absolute, from wherever it starts.
+    monkeypatch.chdir(tmp_path)
+    assert asked("paths.os.environ['CASSIE_HOME']", CASSIE_HOME="home") == str(tmp_path / "home")
+
+
+def test_empty_variables_count_as_not_set():
+    assert asked("paths.ROOT", CASSIE_HOME="") == str(paths.PACKAGE.parent)
+    assert asked("paths.CACHE", CASSIE_CACHE="") == str(paths.PACKAGE.parent / "data" / "cache")
+
+
 @pytest.mark.parametrize("place", [paths.figures_folder, paths.executed_folder])
 def test_every_kind_of_run_has_a_folder_of_its_own(place):
     runs = [(name, changed) for name in ("smoke", "laptop", "thesis") for changed in (False, True)]

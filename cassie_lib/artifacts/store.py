@@ -61,7 +61,7 @@ def load_or_compute(
     """Return the stored result of a recipe, computing it first when there is none.
 
     The key is the SHA-256 of (stage, its version, canonical JSON of ``parameters``, identities
-    of ``upstream``).  It is looked for in the cache, then among the artifacts kept in git.
+    of ``upstream``).  It is looked for in the cache and among the artifacts kept in git.
 
     Args:
         stage: A name in :data:`~cassie_lib.artifacts.stages.STAGES`.
@@ -95,7 +95,7 @@ def load_or_compute(
                 seed = getattr(parameters, "seed", None) if seed is None else seed
                 record = {**wanted, "key": key, "preset": preset, "seed": seed}
                 needed = tuple(item.get() for item in before)
-                artifact = _compute(record, compute, needed, fresh_code=since > 0)
+                artifact = _compute(record, compute, needed, since)
     if kept and preset == "laptop":
         keep(artifact)
     if os.environ.get(USED):
@@ -118,24 +118,31 @@ def find(
     Raises:
         ArtifactError: If it is damaged.
     """
-    for place in (paths.CACHE, paths.DATA):
-        folder = place / f"{stage}-{key[:12]}"
+    for folder in _places(f"{stage}-{key[:12]}"):
         if not folder.is_dir():
             if folder.exists() and not since:
                 raise damaged(folder, "it is a file, expected a folder")
             continue
         # Asked to compute anew: an old result is passed over, damaged or not.
-        if since and not _finished_after(folder, since):
+        if since and _finished_at(folder) < since:
             continue
         return load(folder, tuple(found for item in upstream if (found := item.at_hand())))
     return None
 
 
-def _finished_after(folder: Path, since: float) -> bool:
+def _places(name: str) -> list[Path]:
+    """Where an artifact may lie, best first: the cache, unless git has brought a later copy."""
+    cached, kept = paths.CACHE / name, paths.DATA / name
+    later = _finished_at(kept) > _finished_at(cached) > float("-inf")
+    return [kept, cached] if later else [cached, kept]
+
+
+def _finished_at(folder: Path, name: str = "") -> float:
+    """Unix time (s) at which an artifact was finished; minus infinity without a manifest."""
     try:
-        return float(read_manifest(folder)["finished_unix_s"]) >= since
+        return float(read_manifest(folder, name)["finished_unix_s"])
     except ArtifactError:
-        return False
+        return float("-inf")
 
 
 def load(folder: Path, upstream: tuple[Artifact, ...] = ()) -> Artifact:
@@ -164,17 +171,19 @@ def _compute(
     record: dict[str, Any],
     compute: Callable[[Path], None],
     upstream: tuple[Artifact, ...],
-    fresh_code: bool,
+    since: float,
 ) -> Artifact:
     stage, key = record["stage"], record["key"]
     final = paths.CACHE / f"{stage}-{key[:12]}"
     work = final.with_name(f"{final.name}.partial")
     if _is_finished(work, final.name):
-        # Killed between the manifest and the renaming: nothing is left to compute.
-        _move_into_place(work, final)
-        return load(final, upstream)
+        if _finished_at(work, final.name) >= since:
+            # Killed between the manifest and the renaming: nothing is left to compute.
+            _move_into_place(work, final)
+            return load(final, upstream)
+        shutil.rmtree(work)  # finished before it was asked for anew
     code = get_stage(stage).code()
-    sessions = _open_sessions(work, code, fresh_code)
+    sessions = _open_sessions(work, code, fresh_code=since > 0)
     compute(work)
     files = list_files(work)
     if not files:
@@ -246,24 +255,20 @@ def _move_into_place(work: Path, final: Path) -> None:
 
 
 def keep(artifact: Artifact) -> Path:
-    """Copy an artifact to ``data/``, where git keeps it; returns the folder there."""
+    """Copy an artifact to ``data/``, where git keeps it; returns the folder there.
+
+    A copy that is there already stays unless it is older or its manifest is damaged.
+    """
     target = paths.DATA / artifact.name
     if target == artifact.path:
         return target
-    if target.is_dir() and _seal_of(target) == artifact.manifest["seal"]:
-        return target
-    copy = target.with_name(f"{target.name}.partial")
-    shutil.rmtree(copy, ignore_errors=True)
-    shutil.copytree(artifact.path, copy, ignore=shutil.ignore_patterns(".*"))
-    _move_into_place(copy, target)
+    with locked(paths.CACHE / "locks" / f"keep-{target.name}.lock", f"it keeps {target.name}"):
+        if _finished_at(target) < float(artifact.manifest["finished_unix_s"]):
+            copy = target.with_name(f"{target.name}.partial")
+            shutil.rmtree(copy, ignore_errors=True)
+            shutil.copytree(artifact.path, copy, ignore=shutil.ignore_patterns(".*"))
+            _move_into_place(copy, target)
     return target
-
-
-def _seal_of(folder: Path) -> str:
-    try:
-        return str(read_manifest(folder)["seal"])
-    except ArtifactError:
-        return ""
 
 
 def stored(stage: str = "") -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import warnings
 from typing import NamedTuple
@@ -10,11 +11,18 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from cassie_lib.errors import NonFiniteError, ParameterError, ShapeError
+from cassie_lib.errors import ParameterError, ShapeError
 from cassie_lib.robot import model as robot
 from cassie_lib.robot.kinematics import standing_qpos
 from cassie_lib.robot.schema import ACTION_SIZE, GRAVITY, PERIOD
 from cassie_lib.robot.state import extract_state
+from cassie_lib.simulator_checks import (
+    check_actions,
+    check_clock,
+    check_indices,
+    check_models,
+    check_rows,
+)
 
 #: Pelvis heights (m) between which a robot counts as upright.
 UPRIGHT_M = (0.4, 3.0)
@@ -39,11 +47,6 @@ class Snapshot(NamedTuple):
     phase: np.ndarray
     speed: np.ndarray
     fallen: np.ndarray
-
-
-def _sizes(model: mujoco.MjModel) -> str:
-    names = ("nq", "nv", "na", "nu", "nbody", "nsensordata")
-    return ", ".join(f"{name} = {getattr(model, name)}" for name in names)
 
 
 class Simulator:
@@ -86,15 +89,12 @@ class Simulator:
             raise ParameterError(f"count = {count}: expected at least 1 robot")
         self.count, self.timestep_s = int(count), timestep_s
         self._substeps = robot.substeps(timestep_s)
-        if models is not None and len(models) != count:
-            raise ShapeError(f"models has {len(models)} entries: expected one per robot, {count}")
+        if models is not None:
+            check_models(models, self.count)
+            models = [copy.copy(model) for model in models]  # the caller's keep their time step
         self.model = models[0] if models else robot.load_model(timestep_s)
         self._models = models or [self.model] * count
-        expected = _sizes(self.model)
-        for i, model in enumerate(self._models):
-            # mujoco.rollout would read past the end of an array: its own checks are off below.
-            if (found := _sizes(model)) != expected:
-                raise ShapeError(f"models[{i}] has {found}: expected {expected} as models[0]")
+        for model in self._models:
             model.opt.timestep = timestep_s
             # MuJoCo would silently reset a diverged robot to its initial pose.
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -170,23 +170,24 @@ class Simulator:
 
         Raises:
             NonFiniteError: If a position, velocity or speed is not finite.
+            ShapeError: If one has another shape.
+            ParameterError: If a robot does not exist or a phase is no whole number.
         """
-        indices = np.arange(self.count) if indices is None else np.atleast_1d(indices)
-        if len(indices) == 0:
+        indices = check_indices(indices, self.count)
+        count = len(indices)
+        if count == 0:
             return
-        qpos = standing_qpos() if qpos is None else qpos
-        start = np.zeros((len(indices), robot.PHYSICS_SIZE))
-        start[:, 1:36] = qpos
-        start[:, 36:68] = 0.0 if qvel is None else qvel
-        if not (np.isfinite(start).all() and np.isfinite(speed).all()):
-            raise NonFiniteError("reset to a non-finite configuration or speed: expected finite")
+        check_clock(phase, speed, count)
+        start = np.zeros((count, robot.PHYSICS_SIZE))
+        start[:, 1:36] = check_rows("qpos", standing_qpos() if qpos is None else qpos, 35, count)
+        start[:, 36:68] = check_rows("qvel", np.zeros(32) if qvel is None else qvel, 32, count)
         self.physics[indices] = start
         self.phase[indices] = np.asarray(phase) % PERIOD
         self.speed[indices] = speed
         self.fallen[indices] = False
         self._push_steps[indices] = 0
         # The first physics step evaluates the sensors at the start; its result is not kept.
-        _, sensors = self._rollout(indices, np.zeros((len(indices), ACTION_SIZE)), steps=1)
+        _, sensors = self._rollout(indices, np.zeros((count, ACTION_SIZE)), steps=1)
         self._sensors[indices] = sensors[:, 0]
         self._force[indices] = sensors[:, 0, _FORCES].reshape(-1, 2, 3)
 
@@ -200,16 +201,7 @@ class Simulator:
             ShapeError: If ``actions`` has another shape.
             NonFiniteError: If an action is NaN or infinite.
         """
-        actions = np.asarray(actions, dtype=float)
-        if actions.shape != (self.count, ACTION_SIZE):
-            raise ShapeError(
-                f"actions have shape {actions.shape}: expected {(self.count, ACTION_SIZE)}"
-            )
-        if not np.isfinite(actions).all():
-            row, column = np.argwhere(~np.isfinite(actions))[0]
-            raise NonFiniteError(
-                f"action[{row}, {column}] = {actions[row, column]}: expected a finite angle in rad"
-            )
+        actions = check_actions(actions, self.count)
         moving = np.flatnonzero(~self.fallen)
         if len(moving):
             self._advance(moving, actions[moving])
@@ -225,13 +217,14 @@ class Simulator:
             indices: Robots to push; default all.
 
         Raises:
-            ParameterError: If ``steps`` is under 1.
+            ParameterError: If ``steps`` is under 1 or a robot does not exist.
+            ShapeError, NonFiniteError: If the impulse is not of that shape or not finite.
         """
         if steps < 1:
             raise ParameterError(f"steps = {steps}: expected at least 1 control step")
-        indices = np.arange(self.count) if indices is None else np.atleast_1d(indices)
+        indices = check_indices(indices, self.count)
         duration = steps * self._substeps * self.timestep_s
-        self._push[indices] = np.asarray(impulse, dtype=float) / duration
+        self._push[indices] = check_rows("impulse", impulse, 3, len(indices)) / duration
         self._push_steps[indices] = steps
 
     def snapshot(self) -> Snapshot:

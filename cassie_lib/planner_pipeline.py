@@ -14,7 +14,7 @@ from cassie_lib.artifacts import Artifact, load_or_compute
 from cassie_lib.dagger import Round
 from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.dynamics.store import load_causal
-from cassie_lib.errors import unknown_name
+from cassie_lib.errors import ParameterError, unknown_name
 from cassie_lib.expert.policy import load_expert
 from cassie_lib.files import write_json
 from cassie_lib.planning.cem import MEANS
@@ -115,11 +115,19 @@ def planner_trial(
 
     Raises:
         UnknownNameError: If the planner is unknown.
+        ParameterError: If a push is to come after the end.
     """
     parameters = replace(planner_parameters(preset, planner), **(changes or {}))
     if steps is None:
         sizes = preset.evaluation
         steps = sizes.cem_steps if planner == "cem" else sizes.planner_steps
+    if protocol.get("push_Ns"):
+        # In the middle of a trial that ends before the usual step of a push.
+        protocol.setdefault("push_step", min(Protocol.push_step, steps // 2))
+        if not 0 <= protocol["push_step"] < steps:
+            raise ParameterError(
+                f"push_step = {protocol['push_step']}: expected 0 to {steps - 1}, within the trial"
+            )
     source = after.artifact if after else pipeline.causal_artifact(preset, wide=wide)
     expert = pipeline.expert_artifact(preset)
     return Trial(

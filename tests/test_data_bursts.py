@@ -81,7 +81,8 @@ def test_bursts_without_strength_leave_the_controller_alone():
     ("changes", "message"),
     [
         ({"longest_steps": 0}, "last 0 steps"),
-        ({"strongest_rad": -0.1}, "-0.1 rad"),
+        ({"strongest_rad": -0.1}, "strongest_rad = -0.1: expected at least 0"),
+        ({"strongest_rad": float("nan")}, "strongest_rad = nan"),
         ({"pause_steps": (0, 5)}, "0 to 5"),
         ({"pause_steps": (9, 5)}, "9 to 5"),
     ],

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cassie_lib.parameters.ranges import require
+
 
 @dataclass(frozen=True)
 class CollectionParameters:
@@ -24,6 +26,10 @@ class BurstParameters:
     strongest_rad: float = 0.5
     longest_steps: int = 14  # control steps
     pause_steps: tuple[int, int] = (15, 70)  # least and most control steps between two bursts
+
+    def __post_init__(self) -> None:
+        """Refuse a strength that is no angle."""
+        require(self, "strongest_rad", least=0)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cassie_lib.parameters.ranges import require
+
 
 @dataclass(frozen=True)
 class MLPParameters:
@@ -22,6 +24,12 @@ class MLPParameters:
     checkpoint_seconds: float = 60.0
     max_minutes: float = 0.0  # 0: no limit
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse values that no training can begin with."""
+        counts = ("context", "hidden_layers", "hidden_size", "batch_size", "epochs", "horizon")
+        require(self, *counts, "curriculum_epochs", "patience", least=1)
+        require(self, "learning_rate", "checkpoint_seconds", "max_minutes", "seed", least=0)
 
 
 @dataclass(frozen=True)
@@ -54,6 +62,19 @@ class TransformerParameters:
     checkpoint_seconds: float = 60.0
     max_minutes: float = 0.0  # 0: no limit
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse values that no training can begin with."""
+        require(
+            self, "context", "representation_size", "representation_layers", "embedding_size",
+            "model_size", "heads", "encoder_layers", "decoder_layers", "feedforward_size",
+            "horizon", "epochs", "batch_size", "scheduler_patience", "patience", least=1,
+        )  # fmt: skip
+        require(
+            self, "windows_per_epoch", "learning_rate", "weight_decay", "gradient_penalty",
+            "validation_windows", "checkpoint_seconds", "max_minutes", "seed", least=0,
+        )  # fmt: skip
+        require(self, "dropout", least=0, most=0.99)
 
 
 @dataclass(frozen=True)
@@ -104,3 +125,17 @@ class CausalParameters:
     checkpoint_seconds: float = 60.0
     max_minutes: float = 45.0  # 0: no limit
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse values that no training can begin with, or that would never end."""
+        require(
+            self, "model_size", "heads", "layers", "feedforward_size", "horizon",
+            "batch_size", "validation_steps", "validation_windows", least=1,
+        )  # fmt: skip
+        require(self, "context", least=2)  # the past before the present state
+        require(
+            self, "steps", "learning_rate", "final_learning_rate", "weight_decay", "clip_norm",
+            "checkpoint_seconds", "max_minutes", "seed", least=0,
+        )  # fmt: skip
+        require(self, "dropout", least=0, most=0.99)
+        require(self, "rollout_share", "warmup_share", least=0, most=1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cassie_lib.parameters.ranges import require
+
 
 @dataclass(frozen=True)
 class SimulationParameters:
@@ -49,6 +51,21 @@ class ExpertParameters:
     max_speed_mps: float = 1.0
     checkpoint_seconds: float = 60.0
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse values that no training can begin with."""
+        require(
+            self, "hidden_size", "layers", "robots", "rollout_steps", "total_steps", "epochs",
+            "minibatches", "sequence_steps", "episode_steps", "push_interval_steps",
+            "recovery_steps", least=1,
+        )  # fmt: skip
+        require(
+            self, "action_std_rad", "final_action_std_rad", "loud_action_std_rad",
+            "refinement_steps", "refinement_learning_rate", "learning_rate", "max_gradient_norm",
+            "foot_tolerance_m", "push_limit_Ns", "checkpoint_seconds", "seed", least=0,
+        )  # fmt: skip
+        require(self, "discount", "gae_lambda", "clip", "guidance_weight", least=0, most=1)
+        require(self, "randomise", least=0, most=0.99)
 
 
 #: Eq 3.10 alone at the thesis's speed: the policy that learns to stand still.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cassie_lib.errors import ShapeError
+from cassie_lib.errors import ParameterError, ShapeError
 from cassie_lib.intervals import bootstrap_interval
 from cassie_lib.planning.episodes import PlannedEpisodes
 from cassie_lib.provenance import Provenance
@@ -67,7 +67,7 @@ def against_thesis(found: PlannedEpisodes, thesis_steps: float) -> Verdict:
     trial ended, with robots upright, before it could tell.
     """
     steps = found.planner_steps
-    total = found.recording.actions.shape[1] - found.log.handover_step
+    total = _planned_steps(found)
     low, high = bootstrap_interval(steps)
     median, upright = float(np.median(steps)), int((~found.recording.fell).sum())
     reasons = [f"{upright} of {len(steps)} seeds upright at the end, after {total} steps"]
@@ -85,6 +85,15 @@ def against_thesis(found: PlannedEpisodes, thesis_steps: float) -> Verdict:
         reasons.append("does not lift both feet in most cycles")
     reasons.append("thesis: one run, its total probably includes a prefix; ours counts none")
     return Verdict(median, (low, high), verdict, "; ".join(reasons))
+
+
+def _walking(found: PlannedEpisodes) -> str:
+    """How many seeds pass the walking report; nothing when the trial is too short for one."""
+    try:
+        walks = planner_report(found).walks
+    except ParameterError:
+        return ""
+    return f"{walks.sum()} of {len(walks)} pass the walking report"
 
 
 def record_steps(
@@ -112,8 +121,7 @@ def record_steps(
         One line for the reader.
     """
     result, seeds = against_thesis(found, thesis_steps), len(found.planner_steps)
-    walking = f"{planner_report(found).walks.sum()} of {seeds} pass the walking report"
-    reason = "; ".join(filter(None, (walking, note, result.reason)))
+    reason = "; ".join(filter(None, (_walking(found), note, result.reason)))
     record_result(
         claim_id, figure, provenance.preset, result.median, result.interval, seeds,
         found.recording.protocol, provenance.from_nothing_s, thesis_steps, result.verdict,
@@ -126,8 +134,15 @@ def record_steps(
     )
 
 
+def _planned_steps(found: PlannedEpisodes) -> int:
+    """Control steps of a trial after the hand-over."""
+    return found.recording.actions.shape[1] - found.log.handover_step
+
+
 def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float, float, float]:
     """Median gain in planner-only steps of the same seeds, and its 95 % interval.
+
+    The longer trial is cut off at the length of the shorter one: more steps to walk are no gain.
 
     Raises:
         ShapeError: If the trials have different numbers of seeds.
@@ -137,7 +152,8 @@ def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float,
             f"trials of {len(before.planner_steps)} and {len(after.planner_steps)} seeds: "
             "expected the same seeds in both"
         )
-    gain = after.planner_steps - before.planner_steps
+    limit = min(_planned_steps(before), _planned_steps(after))
+    gain = np.minimum(after.planner_steps, limit) - np.minimum(before.planner_steps, limit)
     low, high = bootstrap_interval(gain)
     return float(np.median(gain)), low, high
 
@@ -161,7 +177,7 @@ def record_gain(
     Args:
         claim_id, figure, claim: As for ``record_result``.
         before: Episodes before the change (of model or planner).
-        after: Episodes of the same length and seeds after it.
+        after: Episodes of the same seeds after it.
         provenance: Of the notebook.
         thesis: The thesis's numbers.
         note: What else the table's reader must know.
@@ -175,7 +191,8 @@ def record_gain(
         verdict, reason = "not reproduced", "the interval of the gain reaches zero"
         if high < 0:
             reason = "it costs steps"
-        if not (before.recording.fell.any() or after.recording.fell.any()):
+        limit = min(_planned_steps(before), _planned_steps(after))
+        if min(before.planner_steps.min(), after.planner_steps.min()) >= limit:
             verdict, reason = "not comparable", "nothing to gain: no seed falls without it either"
     reason = "; ".join(filter(None, (reason, "median of the seeds' own differences", note)))
     record_result(

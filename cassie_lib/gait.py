@@ -98,7 +98,7 @@ def _foot_path(cycle, start, speed, lift, share):
 
 
 def _hop_pelvis(cycle):
-    """Pelvis height of the hop: a parabola in flight, a cubic with the same speeds in stance."""
+    """Pelvis height of the hop: parabolas in flight and in stance, of one speed where they meet."""
     flight = HOP_SHARE * PERIOD_S
     launch_speed = GRAVITY * flight / 2.0
     since = (cycle - (0.5 - HOP_SHARE / 2.0)) % 1.0 * PERIOD_S

@@ -14,7 +14,10 @@ from cassie_lib.simulator import Simulator
 
 @dataclass(frozen=True)
 class Recording:
-    """N episodes of up to T control steps; rows beyond an episode's length repeat its end.
+    """N episodes of up to T control steps; rows beyond an episode's length mean nothing.
+
+    As long as another robot still walks they hold the fallen one as it lies, with the clock going
+    on; after the last fall they repeat the last row, with actions and rewards of zero.
 
     Attributes:
         states: ``(N, T+1, 49)``.

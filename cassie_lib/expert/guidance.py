@@ -13,7 +13,7 @@ _LOAD_SHARPNESS = 15.0
 def gait_term(foot_height_m, foot_load, reference_height_m, swing) -> np.ndarray:
     """Periodic swing/stance term: each foot in the air, or on the floor, when it should be.
 
-    Eq 3.10 pays 0.909 to a robot that stands still; this term pays it about half, because in
+    Eq 3.10 pays about 0.92 to a robot that stands still; this term pays it about 0.6, because in
     swing the foot has to be as high as in the reference and free of load.
 
     Args:

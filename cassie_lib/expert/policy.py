@@ -73,8 +73,9 @@ class RecurrentNetwork(nn.Module):
 class ExpertPolicy(nn.Module):
     """Actor and critic of recurrent PPO (thesis section 4.3.1).
 
-    The actor gives the mean of a Gaussian over PD-target offsets in rad with a fixed standard
-    deviation; both read the 49-component state of Table 4.1, normalised by stored statistics.
+    The actor gives the mean of a Gaussian over PD-target offsets in rad with a standard
+    deviation that the training sets; both read the 49-component state of Table 4.1, normalised by
+    stored statistics.
     """
 
     def __init__(self, hidden_size: int = 128, layers: int = 2) -> None:

@@ -66,7 +66,7 @@ class WalkingTask:
         self.age = rng.integers(0, parameters.episode_steps, parameters.robots)
 
     def _start(self, indices: np.ndarray) -> None:
-        """Half of the robots start from s0's pose, half in the middle of a reference cycle."""
+        """40 % of the robots start from s0's pose, the others within a reference cycle."""
         count = len(indices)
         if not count:
             return

@@ -15,7 +15,7 @@ class MixedController(PlannerController):
     The steps are drawn anew for every robot and every phi steps, without repetition (footnote 6 of
     the thesis).  Until H states are known the expert acts alone.  The expert sees every state, so
     its memory is right whenever it takes over again.  A planner that did not act at the step
-    before starts from a zero mean.
+    before starts from the mean that it begins an episode with.
 
     Args:
         planner: The planner.

@@ -144,7 +144,9 @@ def plot_rewards(
 def plot_imagined(trials: Mapping[str, PlannedEpisodes], horizon: int) -> Drawn:
     """Imagined against realised return of every plan, and their difference before a fall.
 
-    The plan is made anew at every step, so the realised return is not that of the plan itself.
+    Both are Eq 3.11 over the reward that the planner maximises, foot term included, without the
+    critic.  The plan is made anew at every step, so the realised return is not that of the plan
+    itself.
 
     Args:
         trials: Trials by label.
@@ -163,7 +165,7 @@ def plot_imagined(trials: Mapping[str, PlannedEpisodes], horizon: int) -> Drawn:
         data[f"{label}, before a fall"] = {"steps_before_end": before, "median_difference": error}
     low, high = left.get_xlim()
     left.plot([low, high], [low, high], "-", color="0.5", lw=0.8, label="equal")
-    left.set(xlabel="realised return (Eq 3.11)", ylabel="imagined return (Eq 3.11)")
+    left.set(xlabel="realised return of the plan's steps", ylabel="imagined return")
     right.axhline(0.0, color="0.5", lw=0.8)
     right.invert_xaxis()
     right.set(xlabel="control steps before the end", ylabel="imagined − realised (median)")

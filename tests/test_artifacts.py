@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import multiprocessing
 import shutil
 import time
@@ -164,6 +165,17 @@ def test_what_was_finished_before_a_request_is_not_its_answer(monkeypatch):
     assert compute.runs == 1
 
 
+def test_fingerprints_are_the_same_on_every_version_of_python(tmp_path):
+    """The expected ones were written by 3.11, and found by 3.12 and 3.13 as well."""
+    source = tmp_path / "toy.py"
+    text = '"""Doc."""\nclass A(B):\n    """Doc."""\n    x: int = 1\n    def f(self): pass\n'
+    source.write_text(text)
+    assert file_fingerprint(source) == "648b925d4f235755"
+    commented = tmp_path / "other.py"
+    commented.write_text(text.replace("Doc", "Other").replace("pass", "pass  # why"))
+    assert file_fingerprint(commented) == file_fingerprint(source)
+
+
 def test_changed_code_is_told_in_the_notice(monkeypatch):
     make()
     changed = {**stages.code_fingerprint(("data", "simulator")), "simulator.py": "0" * 16}
@@ -205,6 +217,40 @@ def test_the_batch_runner_learns_which_artifacts_were_used(tmp_path, monkeypatch
     assert (tmp_path / "used").read_text() == f"{artifact.name} {artifact.digest}\n"
 
 
+#: Modules that no result depends on: parameters are part of the recipe, the others store and tell.
+STOREKEEPING = {"errors", "paths", "files", "logs", "checkpoints", "artifacts", "presets",
+                "simulator_checks", "walking_report"}  # fmt: skip
+#: Training reads arrays: what ``data`` needs to collect them has no part in it.
+COLLECTING = {"controllers", "simulator", "robot/state", "dynamics/adjoint"}
+#: The expert is upstream of what DAgger does, by its bits.
+NOT_ITS_OWN = dict.fromkeys(("mlp", "transformer", "causal", "prediction"), COLLECTING) | {
+    "dagger": {"expert/policy"}
+}
+
+
+def imported_modules(name):
+    """Modules of this package that a source file imports, as a stage names them."""
+    for node in ast.walk(ast.parse((paths.PACKAGE / name).read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ImportFrom) or not node.module.startswith("cassie_lib"):
+            continue
+        base = "/".join(node.module.split(".")[1:])
+        for alias in node.names:
+            inner = "/".join(filter(None, (base, alias.name)))
+            is_module = (paths.PACKAGE / f"{inner}.py").exists() or (paths.PACKAGE / inner).is_dir()
+            yield inner if is_module else base
+
+
+@pytest.mark.parametrize("stage", stages.STAGES)
+def test_a_stage_names_all_modules_that_its_work_rests_on(stage):
+    own = stages.STAGES[stage].code()
+    allowed = STOREKEEPING | NOT_ITS_OWN.get(stage, set())
+    for file in own:
+        if file.endswith(".py"):
+            for module in imported_modules(file):
+                inside = {f"{module}.py"} & own.keys() or [n for n in own if n.startswith(f"{module}/")]
+                assert inside or module in allowed, f"{file} of {stage} rests on {module}"
+
+
 @pytest.mark.parametrize("stage", stages.STAGES)
 def test_every_stage_names_modules_that_exist(stage):
     for module in stages.STAGES[stage].modules:
@@ -217,7 +263,8 @@ def test_every_stage_names_modules_that_exist(stage):
 def test_code_without_a_part_in_a_stage_causes_no_notice(monkeypatch):
     frozen = "dynamics/adjoint.py"
     causal, planner = make(stage="causal"), make(stage="cem")
-    changed = {**stages.code_fingerprint(("data", "dynamics")), frozen: "0" * 16}
+    modules = stages.STAGES["causal"].modules
+    changed = {**stages.code_fingerprint(modules), frozen: "0" * 16}
     monkeypatch.setattr(stages, "code_fingerprint", lambda modules: changed)
     assert stages.STAGES["causal"].code().keys().isdisjoint({frozen})
     assert make(stage="causal").notice == causal.notice == ()
@@ -249,7 +296,7 @@ def test_command_line(monkeypatch, capsys, tmp_path):
     assert main(["verify", "data"]) == 0
     assert f"{artifact.name}: whole" in capsys.readouterr().out
     assert main(["keep", "data"]) == 0
-    assert [path.name for path in paths.DATA.iterdir()] == [artifact.name]
+    assert [path.name for path in paths.DATA.iterdir() if path.is_dir()] == [artifact.name]
     damage_flip(artifact.path / "weights.bin")
     assert main(["verify"]) == 1
     assert "weights.bin has another SHA-256" in capsys.readouterr().out

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import time
 
 import pytest
 from artifact_toys import Counted, Parameters, damage_empty, make
 
+from cassie_lib import paths
+from cassie_lib.artifacts import recompute
 from cassie_lib.artifacts.ledger import computed_since, from_nothing_s
+from cassie_lib.artifacts.times import FILE, read_times
 from cassie_lib.provenance import Provenance
 
 pytestmark = pytest.mark.usefixtures("artifact_folders")
@@ -61,3 +65,42 @@ def test_only_results_of_the_preset_since_then_count():
     make(Parameters(size=10), preset="laptop")
     assert computed_since(since + 1e-6, "smoke") == (1, later.wall_time_s)
     assert computed_since(since, "smoke")[0] == 2
+
+
+def test_what_git_does_not_keep_counts_with_what_it_took():
+    expert = make(stage="expert", preset="laptop", kept=True)
+    data = make(upstream=[expert], preset="laptop")
+    model = make(stage="causal", upstream=[data], preset="laptop", kept=True)
+    whole = from_nothing_s([model])
+    assert whole == pytest.approx(times(expert, data, model))
+    noted = (paths.DATA / FILE).read_text()
+    shutil.rmtree(paths.CACHE)
+    stored = make(stage="causal", upstream=[data], preset="laptop")
+    assert stored.path.parent == paths.DATA
+    assert from_nothing_s([stored]) == pytest.approx(whole), "data that is not at hand counts, too"
+    # Collected again, on a slower machine: nobody's figures change.
+    make(upstream=[expert], preset="laptop", compute=slow)
+    assert (paths.DATA / FILE).read_text() == noted
+
+
+def test_a_request_to_compute_anew_notes_the_new_time(monkeypatch):
+    name = make(preset="laptop").name
+    before = read_times()[name]["seconds"]
+    monkeypatch.setenv(recompute.REQUEST, "data")
+    make(preset="laptop", compute=slow)
+    assert read_times()[name]["seconds"] >= before + 0.2
+
+
+def test_other_presets_note_nothing_and_a_damaged_file_counts_as_none():
+    make(preset="smoke")
+    make(Parameters(size=4), preset="laptop, not kept")
+    assert not (paths.DATA / FILE).exists()
+    paths.DATA.mkdir()
+    for text in ("", "[]", '{"a": 3}', '{"a": {"seconds": "x", "upstream": []}}'):
+        (paths.DATA / FILE).write_text(text)
+        assert read_times() == {}
+
+
+def slow(folder):
+    time.sleep(0.3)
+    Counted()(folder)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from cassie_lib.artifacts.manifest import Artifact, read_manifest
 from cassie_lib.artifacts.store import stored
+from cassie_lib.artifacts.times import read_times
 from cassie_lib.errors import ArtifactError
 
 
@@ -37,19 +38,26 @@ def computed_since(since: float, preset: str) -> tuple[int, float]:
 def from_nothing_s(results: Iterable[Artifact]) -> float:
     """Wall time of results and of everything that they rest on, in s; each counts once.
 
-    What is not stored at the moment (data that a stored model was trained on) cannot be counted.
+    What is not stored (data that a stored model was trained on) counts with what it took when it
+    was: :mod:`~cassie_lib.artifacts.times`.
     """
+    noted = read_times()
     places = {folder.name: folder for folder in reversed(stored())}
     times: dict[str, float] = {}
-    rest = {item.name: item.manifest for item in results}
+    rest = [(item.name, item.manifest) for item in results]
     while rest:
-        name, manifest = rest.popitem()
+        name, manifest = rest.pop()
         times[name] = float(manifest["wall_time_s"])
-        for upstream in manifest["upstream_digests"].keys() & places.keys() - times.keys():
-            try:
-                rest[upstream] = read_manifest(places[upstream])
-            except ArtifactError:
-                continue  # damage is told by whoever loads it
+        for upstream in manifest["upstream_digests"]:
+            if upstream in noted:
+                known = noted[upstream]
+                found = {"wall_time_s": known["seconds"], "upstream_digests": known["upstream"]}
+            else:
+                try:
+                    found = read_manifest(places[upstream])
+                except (KeyError, ArtifactError):
+                    continue  # damage is told by whoever loads it
+            rest.append((upstream, found))
     return sum(times.values())
 
 

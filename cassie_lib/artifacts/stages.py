@@ -39,6 +39,8 @@ class Stage:
 _ROBOT = ("robot", "gait", "reward", "simulator")
 _WALKING = (*_ROBOT, "controllers", "recording", "walking")
 _PLANNING = (*_WALKING, "dynamics", "planning")
+#: Models learn from arrays; mirror, derivative orders and slices are those of the schema.
+_LEARNING = ("robot/schema", "data", "dynamics")
 #: The fast rollout of a model whose weights are fixed: planners use it, training does not.
 _FROZEN = ("dynamics/adjoint.py", "dynamics/adjoint_layers.py")
 
@@ -47,10 +49,10 @@ STAGES = {
     "expert": Stage(1, (*_WALKING, "expert"), by_content=True),
     "walking": Stage(1, (*_WALKING, "expert")),
     "data": Stage(1, (*_WALKING, "expert", "data")),
-    "mlp": Stage(1, ("data", "dynamics"), _FROZEN, by_content=True),
-    "transformer": Stage(1, ("data", "dynamics"), _FROZEN, by_content=True),
-    "causal": Stage(1, ("data", "dynamics"), _FROZEN, by_content=True),
-    "prediction": Stage(1, ("data", "dynamics"), _FROZEN),
+    "mlp": Stage(1, _LEARNING, _FROZEN, by_content=True),
+    "transformer": Stage(1, _LEARNING, _FROZEN, by_content=True),
+    "causal": Stage(1, _LEARNING, _FROZEN, by_content=True),
+    "prediction": Stage(1, _LEARNING, _FROZEN),
     "cem": Stage(1, _PLANNING),
     "gradient_cem": Stage(1, _PLANNING),
     "dagger": Stage(1, (*_PLANNING, "data", "dagger"), by_content=True),

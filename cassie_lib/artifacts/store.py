@@ -25,6 +25,7 @@ from cassie_lib.artifacts.manifest import (
 )
 from cassie_lib.artifacts.recompute import recompute_since
 from cassie_lib.artifacts.stages import get_stage, recipe, recipe_key
+from cassie_lib.artifacts.times import note_time
 from cassie_lib.code_version import git_commit, library_versions, lock_hash
 from cassie_lib.errors import ArtifactError
 from cassie_lib.files import locked, write_json
@@ -207,6 +208,7 @@ def _compute(
     manifest["seal"] = seal(manifest)
     write_json(work / MANIFEST, manifest)
     _move_into_place(work, final)
+    note_time(final.name, manifest, anew=since > 0)
     return Artifact(stage, key, final, manifest, False, tuple(manifest["notice"]))
 
 

@@ -48,12 +48,15 @@ class CassieEnv(gymnasium.Env):
         """
         if start not in ("s0", "reference"):
             raise ParameterError(f"start = {start!r}: expected 's0' or 'reference'")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ParameterError(f"render_mode = {render_mode!r}: expected 'rgb_array' or None")
         if episode_steps < 1:
             raise ParameterError(f"episode_steps = {episode_steps}: expected at least 1")
         self.render_mode = render_mode
         self._reference = gait.get_gait(gait_name, speed_mps)
         self._speed, self._start, self._limit = speed_mps, start, episode_steps
         self._simulator = Simulator(1, timestep_s, threads=1)
+        self._simulator.reset(speed=speed_mps)
         self._age = 0
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (STATE_SIZE,), np.float64)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)

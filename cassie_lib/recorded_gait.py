@@ -17,6 +17,8 @@ COLUMNS = 98
 _RATE_HZ = 2000
 _ROWS_PER_STEP = 60
 _CONTACT_HEIGHT_M = 0.005
+#: Where the quaternions begin among the 35 positions.
+_QUATERNIONS = {"pelvis": 3, "left achilles rod": 10, "right achilles rod": 24}
 
 
 def _read(path: Path) -> np.ndarray:
@@ -61,12 +63,13 @@ def load_stepdata(path: Path) -> GaitReference:
         raise TrajectoryError(
             f"{path} has time steps of {step.min():g} to {step.max():g} s: expected {1 / _RATE_HZ}"
         )
-    norm = np.linalg.norm(rows[:, 4:8], axis=1)
-    if np.abs(norm - 1.0).max() > 1e-3:
-        raise TrajectoryError(
-            f"{path} has a pelvis quaternion of length {norm[np.abs(norm - 1).argmax()]:g}: "
-            "expected 1"
-        )
+    for name, begin in _QUATERNIONS.items():
+        norm = np.linalg.norm(rows[:, 1 + begin : 5 + begin], axis=1)
+        if np.abs(norm - 1.0).max() > 1e-3:
+            raise TrajectoryError(
+                f"{path} has a quaternion of the {name} of length "
+                f"{norm[np.abs(norm - 1).argmax()]:g}: expected 1"
+            )
     sampled = rows[:expected:_ROWS_PER_STEP]
     qpos, qvel = sampled[:, 1:36].copy(), sampled[:, 36:68].copy()
     height = np.array(

@@ -216,20 +216,29 @@ def test_rounds_retrain_and_are_loaded_again(start, cache):
 
 
 def test_retraining_has_its_own_budget_rate_and_share_of_rollouts(start, cache, monkeypatch):
-    train, asked = rounds.train_causal, []
+    train, asked, shares = rounds.train_causal, [], []
 
     def noted(sources, settings, **options):
         asked.append((settings, options["initial"]))
+        shares.append((sources, options["shares"]))
         return train(sources, settings, **options)
 
     monkeypatch.setattr(rounds, "train_causal", noted)
     changes = {"training_steps": 4, "learning_rate": 2e-4, "rollout_share": 1.0}
-    first = run(start, replace(PARAMETERS, **changes))[0]
+    first = run(start, replace(PARAMETERS, decay=0.25, **changes))[0]
     for settings, _ in asked:
         found = (settings.steps, settings.learning_rate, settings.rollout_share)
         assert found == tuple(changes.values())
     assert asked[0][1] is start.model
     assert torch.equal(asked[1][1].head.weight, first.model.head.weight)
+    # beta: a recording counts with its windows times 0.25 for each round since.
+    for (sources, found), ages in zip(shares, ([1, 0], [2, 1, 0]), strict=True):
+        length = settings.context + settings.horizon
+        weights = [len(s.window_starts(length)) * 0.25**age
+                   for s, age in zip(sources, ages, strict=True)]  # fmt: skip
+        np.testing.assert_allclose(found, np.array(weights) / sum(weights))
+    assert sources[1] is not sources[2]
+    assert len(sources[0]) == len(start.load_train()[0]), "the oldest is the first model's data"
 
 
 def test_killed_round_goes_on_where_it_was(start, cache, monkeypatch):

@@ -91,6 +91,8 @@ def _rows(count=1680):
     rows[:, 0] = np.arange(count) * 0.0005
     index = np.minimum(np.arange(count) // 60, PERIOD - 1)
     rows[:, 1:36], rows[:, 36:68] = reference.qpos[index], reference.qvel[index]
+    # Between two samples the hips move on: whoever samples late or early reads other angles.
+    rows[:, [8, 9, 10]] += 1e-3 * (np.arange(count) % 60)[:, None]
     return rows
 
 
@@ -116,7 +118,9 @@ def _changed(column, value):
     (np.zeros((1000, 98)), "1000 rows: expected 1680"),
     (_changed(5, np.nan), "not finite"),
     (_changed(0, 9.0), "time steps"),
-    (_changed(4, 2.0), "quaternion of length 2"),
+    (_changed(4, 2.0), "quaternion of the pelvis of length 2"),
+    (_changed(slice(11, 15), 0.0), "quaternion of the left achilles rod of length 0"),
+    (_changed(slice(25, 29), 0.0), "quaternion of the right achilles rod of length 0"),
 ])  # fmt: skip
 def test_wrong_recordings_are_refused(tmp_path, rows, text):
     path = tmp_path / "wrong.bin"

@@ -125,3 +125,8 @@ def test_environment_refuses_bad_settings():
         CassieEnv(start="mid")
     with pytest.raises(ParameterError, match="episode_steps = 0"):
         CassieEnv(episode_steps=0)
+    with pytest.raises(ParameterError, match="render_mode = 'human': expected 'rgb_array' or None"):
+        CassieEnv(render_mode="human")
+    # Whoever forgets to reset is told by nobody, but walks at the speed that was asked for.
+    env = CassieEnv(speed_mps=0.7, timestep_s=COARSE)
+    assert env.step(np.zeros(10))[0][48] == 0.7

@@ -61,6 +61,19 @@ def test_each_planner_has_its_own_length(planner, steps, stages, asked):
     assert whole.parameters == getattr(stages, planner)
 
 
+def test_a_push_comes_within_the_trial(stages, asked):
+    # The usual step 200 is past the end of a short trial, and such a push would push nobody.
+    for steps, chosen in ((12, 6), (300, 150), (400, 200), (3030, 200)):
+        planners.planner_trial(stages, "cem", steps=steps, push_Ns=20.0)
+        assert asked[-1].protocol.push_step == chosen
+    planners.planner_trial(stages, "cem", steps=30, push_Ns=20.0, push_step=29)
+    assert asked[-1].protocol.push_step == 29
+    planners.planner_trial(stages, "cem", steps=30)
+    assert asked[-1].protocol.push_Ns == 0.0
+    with pytest.raises(ParameterError, match="push_step = 30: expected 0 to 29, within the trial"):
+        planners.planner_trial(stages, "cem", steps=30, push_Ns=20.0, push_step=30)
+
+
 def test_other_means_get_shorter_trials_than_the_own_one(stages, asked):
     planners.mean_trials(stages, "cem")
     lengths = {item.parameters.mean: item.protocol.steps for item in asked}

@@ -41,6 +41,9 @@ _SAMPLES_PER_STEP = 4
 class GaitReference:
     """One cycle of a reference motion, sampled at the 28 phases of the clock.
 
+    References are made once and shared: whoever changes an array changes it for all and copies it
+    first.
+
     Attributes:
         name: Gait name.
         speed_mps: Forward speed in m/s.

@@ -41,7 +41,9 @@ def collect(
         controller: Expert, planner or anything else that acts.
         parameters: How many transitions, at which noise.
         simulation: Physics step and commanded speed.
-        folder: Where the data set goes; finished batches found there are used.
+        folder: Where the data set goes; finished batches found there are used.  The controller is
+            known by the name of its class: another one of the same class needs another folder, as
+            the pipelines' folders are, whose names hold the controller's weights.
         threads: Threads of the simulator; default one per core.  The result does not depend on it.
         torch_threads: Threads of PyTorch while the controller acts; a planner may want more than
             a policy does, and another number may change the last bits.

@@ -168,7 +168,7 @@ def open_loop(
         model: Any dynamics model on the CPU, or on the device of its own parameters.
         transitions: Recorded episodes.
         horizon: T, control steps.
-        windows: At most so many windows, evenly spread over the data.
+        windows: At most so many windows, at least 1, evenly spread over the data.
         batch: Windows per forward pass.
         context: At least so many states of history, so that models of different H can be
             compared on the same windows; 0 is the model's own H.

@@ -182,6 +182,7 @@ def run_notebook(
         REQUEST: recompute[0] if recompute else os.environ.get(REQUEST),
         SINCE: repr(recompute[1]) if recompute else os.environ.get(SINCE),
         "MPLBACKEND": None,  # otherwise the figures are not shown in the notebook
+        "KINETO_LOG_LEVEL": "99",  # PyTorch's profiler would write into the notebook
         **headless_rendering(),
     }
     print(f"[{notebook.stem}] started, preset {preset}", flush=True)

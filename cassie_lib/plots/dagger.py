@@ -114,7 +114,7 @@ def plot_progress(
             axes[1].plot(np.arange(len(values)), values, style, ms=3.5, color=tones[label])
             data[f"{name}, {label}"] = {"round": np.arange(len(values)), "relative_error": values}
     _explain(axes[1], next(iter(errors.values())), "states of")
-    axes[1].set(yscale="log", ylabel="squared error / variance", title="model, last step")
+    axes[1].set(yscale="log", ylabel="squared error / variance", title="error, last step")
     for label, made in rounds.items():
         numbers = np.array([item.index for item in made])
         for when, style in (("before", "o--"), ("after", "s-")):
@@ -124,7 +124,7 @@ def plot_progress(
                 "round": numbers, "relative_error": values
             }  # fmt: skip
     _explain(axes[2], ("before", "after"), "retraining")
-    axes[2].set(ylim=(0.0, None), title="on the round's own data")
+    axes[2].set(ylim=(0.0, None), title="on its new data")
     for ax in axes:
         ax.set_xticks(range(max(len(trials) for trials in runs.values())))
         ax.set_xlabel("round")

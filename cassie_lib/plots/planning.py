@@ -76,7 +76,7 @@ def panels_legend(figure: Figure, panels: Sequence[Axes]) -> None:
     for ax in panels:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=4)
+    figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=3)
 
 
 def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[str, Any]:

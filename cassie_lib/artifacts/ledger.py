@@ -38,8 +38,8 @@ def computed_since(since: float, preset: str) -> tuple[int, float]:
 def from_nothing_s(results: Iterable[Artifact]) -> float:
     """Wall time of results and of everything that they rest on, in s; each counts once.
 
-    What is not stored (data that a stored model was trained on) counts with what it took when it
-    was: :mod:`~cassie_lib.artifacts.times`.
+    What has a noted time counts with that, whether it is stored, was collected again or is gone
+    (data that a stored model was trained on): :mod:`~cassie_lib.artifacts.times`.
     """
     noted = read_times()
     places = {folder.name: folder for folder in reversed(stored())}
@@ -47,7 +47,8 @@ def from_nothing_s(results: Iterable[Artifact]) -> float:
     rest = [(item.name, item.manifest) for item in results]
     while rest:
         name, manifest = rest.pop()
-        times[name] = float(manifest["wall_time_s"])
+        spent = noted[name]["seconds"] if name in noted else manifest["wall_time_s"]
+        times[name] = float(spent)
         for upstream in manifest["upstream_digests"]:
             if upstream in noted:
                 known = noted[upstream]

@@ -150,9 +150,11 @@ def test_logs_of_real_trainings_carry_figures_and_claims(stages, monkeypatch, tm
         _, data = curves.plot_steps(thesis, causal, name)
         assert f"{curves.CAUSAL_LABEL}, step {stages.causal.horizon}" in data
     assert claims.epochs_per_step(thesis).sum() == stages.transformer.epochs
-    records = claims.record_training(stages, thesis, artifacts[0])
-    assert [record["preset"] for record in records] == ["smoke"] * 3
-    assert "0.0013" in claims.losses_beside_the_thesis(thesis, causal)
+    losses = dict.fromkeys(claims.THESIS_LOSSES, 0.5)
+    records = claims.record_training(stages, thesis, artifacts[0], losses)
+    records += claims.record_losses(stages, thesis, artifacts[0], 7, losses)
+    assert [record["preset"] for record in records] == ["smoke"] * 5
+    assert "0.0013" in claims.losses_beside_the_thesis({"a": losses}, thesis)
     mpl.pyplot.close("all")
 
 

@@ -10,11 +10,17 @@ import argparse
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 from cassie_lib import paths
 from cassie_lib.artifacts.ledger import computed_since
-from cassie_lib.artifacts.recompute import begin_request, end_request, requested_stages
+from cassie_lib.artifacts.recompute import (
+    begin_request,
+    end_request,
+    requested_stages,
+    spending_time,
+)
 from cassie_lib.errors import CassieError
 from cassie_lib.files import locked
 from cassie_lib.notebook_run import find_notebook, parse_parameter, run_notebook, short_path
@@ -85,14 +91,20 @@ def run_figures(
     ]  # fmt: skip
     (paths.CACHE / "batch").mkdir(parents=True, exist_ok=True)
     # Snakemake's own lock would outlive a kill; this one does not.
-    with locked(paths.CACHE / "locks" / f"batch-{preset}.lock", f"it runs preset {preset}"):
+    with (
+        locked(paths.CACHE / "locks" / f"batch-{preset}.lock", f"it runs preset {preset}"),
+        spending_time(preset) if recompute else nullcontext(),
+    ):
         code = subprocess.run(command, check=False).returncode
     if code == 0:
         print(f"up to date: {', '.join(path.stem for path in notebooks)}")
     if code == 0 and recompute:
-        end_request(preset)
+        clock = end_request(preset)
         count, seconds = computed_since(since, preset)
-        print(f"computed anew: {count} results in {seconds / 3600:.2f} h, side by side or not")
+        print(
+            f"computed anew: {count} results in {clock / 3600:.2f} h on the clock, all runs "
+            f"of the request together; {seconds / 3600:.2f} h if one after another"
+        )
     return code
 
 

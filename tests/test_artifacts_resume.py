@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -52,14 +53,21 @@ def start(tmp_path):
     )
 
 
-def wait_for_step(reached):
+def wait_until(reached):
     end = time.time() + 60
     while time.time() < end:
-        notes = list(paths.CACHE.glob("*.partial/work/steps"))
-        if notes and int(notes[0].read_text()) >= reached:
+        if reached():
             return
         time.sleep(0.005)
     raise AssertionError("waited in vain")
+
+
+def wait_for_step(step):
+    def reached():
+        notes = list(paths.CACHE.glob("*.partial/work/steps"))
+        return bool(notes) and int(notes[0].read_text()) >= step
+
+    wait_until(reached)
 
 
 def test_recompute_touches_only_the_stages_asked_for(monkeypatch):
@@ -90,6 +98,40 @@ def test_an_interrupted_request_goes_on_and_a_finished_one_starts_anew(monkeypat
     monkeypatch.setenv(recompute.SINCE, "soon")
     with pytest.raises(ParameterError, match="'soon'"):
         make()
+
+
+def test_a_request_counts_the_time_of_all_its_runs(monkeypatch):
+    recompute.begin_request("data", "laptop")
+    with recompute.spending_time("laptop", every_s=0.01):
+        wait_until(lambda: spent() > 0.03)  # noted while it runs: a kill loses little
+    first = spent()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert spent() > first + 0.05, "the next run adds to what there was, also when it fails"
+    recompute.begin_request("data", "laptop")
+    total = spent()
+    assert recompute.end_request("laptop") == total
+    with recompute.spending_time("laptop"):
+        pass
+    assert recompute.end_request("laptop") == 0.0, "nothing was asked for"
+
+
+def interrupted():
+    with recompute.spending_time("laptop"):
+        time.sleep(0.06)
+        raise KeyboardInterrupt
+
+
+def spent():
+    return json.loads(recompute.request_file("laptop").read_text())["spent_s"]
+
+
+@pytest.mark.parametrize("text", ["{}", "[1]", '{"stages": ["data"], "since": "soon"}', "{"])
+def test_a_damaged_request_is_begun_anew(text):
+    recompute.request_file("laptop").parent.mkdir(parents=True, exist_ok=True)
+    recompute.request_file("laptop").write_text(text)
+    assert recompute.begin_request("data", "laptop") == pytest.approx(time.time(), abs=5.0)
+    assert spent() == 0.0
 
 
 def test_an_exception_leaves_a_work_folder_to_go_on_from():

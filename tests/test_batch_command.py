@@ -108,7 +108,7 @@ def test_a_finished_request_says_what_it_has_computed(house, commands, capsys, m
     assert batch.main(arguments) == 0
     since = float(config(commands.calls[1])["since"])
     assert computed_since(since, "smoke") == (2, sum(item.wall_time_s for item in anew))
-    assert "computed anew: 2 results in 0.00 h" in capsys.readouterr().out
+    assert "computed anew: 2 results in 0.00 h on the clock" in capsys.readouterr().out
 
 
 def test_a_single_run_hands_over_parameters_and_its_request(house, monkeypatch):

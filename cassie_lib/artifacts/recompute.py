@@ -11,8 +11,12 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from cassie_lib import paths
 from cassie_lib.artifacts.stages import get_stage
@@ -75,17 +79,61 @@ def begin_request(text: str, preset: str) -> float:
         UnknownNameError: If it names an unknown stage.
     """
     stages = sorted(requested_stages(text))
-    try:
-        found = json.loads(request_file(preset).read_text(encoding="utf-8"))
-        if found["stages"] == stages:
-            return float(found["since"])
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
+    found = _read_request(preset)
+    if found.get("stages") == stages:
+        return found["since"]
     since = time.time()
-    write_json(request_file(preset), {"stages": stages, "since": since})
+    write_json(request_file(preset), {"stages": stages, "since": since, "spent_s": 0.0})
     return since
 
 
-def end_request(preset: str) -> None:
-    """Forget the request: all that it asked for has been computed."""
+def _read_request(preset: str) -> dict[str, Any]:
+    """The unfinished request: stages, since (Unix time, s) and spent_s; empty if there is none."""
+    try:
+        found = json.loads(request_file(preset).read_text(encoding="utf-8"))
+        spent = float(found.get("spent_s", 0.0))
+        return {"stages": list(found["stages"]), "since": float(found["since"]), "spent_s": spent}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+@contextmanager
+def spending_time(preset: str, every_s: float = 20.0) -> Iterator[None]:
+    """Add the time inside to what the unfinished request has taken so far.
+
+    It is noted every ``every_s`` seconds, so that a run that is killed loses no more than that:
+    the sum is the time on the clock over all runs that the request took.
+    """
+    before, over = _read_request(preset), threading.Event()
+    began = time.monotonic()
+
+    def note() -> None:
+        spent = before["spent_s"] + time.monotonic() - began
+        write_json(request_file(preset), {**before, "spent_s": round(spent, 1)})
+
+    def keep_noting() -> None:
+        while not over.wait(every_s):
+            note()
+
+    if not before:
+        yield
+        return
+    thread = threading.Thread(target=keep_noting, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        note()
+
+
+def end_request(preset: str) -> float:
+    """Forget the request: all that it asked for has been computed.
+
+    Returns:
+        The time that it took, in s: see :func:`spending_time`.
+    """
+    spent = _read_request(preset).get("spent_s", 0.0)
     request_file(preset).unlink(missing_ok=True)
+    return spent

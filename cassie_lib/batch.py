@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import time
@@ -21,6 +22,7 @@ from cassie_lib.artifacts.recompute import (
     requested_stages,
     spending_time,
 )
+from cassie_lib.artifacts.side_by_side import PROCESSES
 from cassie_lib.errors import CassieError
 from cassie_lib.files import locked
 from cassie_lib.notebook_run import find_notebook, parse_parameter, run_notebook, short_path
@@ -83,19 +85,17 @@ def run_figures(
         if since >= begun:  # not the rest of an interrupted request
             for notebook in notebooks:
                 stamp_file(preset, notebook.name[:2]).unlink(missing_ok=True)
-    command = [
-        sys.executable, "-m", "snakemake", "--snakefile", str(paths.SNAKEFILE), "--directory",
-        str(paths.CACHE / "batch"), "--cores", str(jobs), "--rerun-triggers", "params",
-        "--rerun-incomplete", "--keep-going", "--nolock", "--quiet", "all",
-        *extra, "--config", *config,
-    ]  # fmt: skip
     (paths.CACHE / "batch").mkdir(parents=True, exist_ok=True)
+    environment = dict(os.environ)
+    if jobs > 1:
+        environment.setdefault(PROCESSES, "1")  # the notebooks share the cores
     # Snakemake's own lock would outlive a kill; this one does not.
     with (
         locked(paths.CACHE / "locks" / f"batch-{preset}.lock", f"it runs preset {preset}"),
         spending_time(preset) if recompute else nullcontext(),
     ):
-        code = subprocess.run(command, check=False).returncode
+        command = _snakemake(jobs, extra, config)
+        code = subprocess.run(command, check=False, env=environment).returncode
     if code == 0:
         print(f"up to date: {', '.join(path.stem for path in notebooks)}")
     if code == 0 and recompute:
@@ -106,6 +106,15 @@ def run_figures(
             f"of the request together; {seconds / 3600:.2f} h if one after another"
         )
     return code
+
+
+def _snakemake(jobs: int, extra: tuple[str, ...], config: list[str]) -> list[str]:
+    return [
+        sys.executable, "-m", "snakemake", "--snakefile", str(paths.SNAKEFILE), "--directory",
+        str(paths.CACHE / "batch"), "--cores", str(jobs), "--rerun-triggers", "params",
+        "--rerun-incomplete", "--keep-going", "--nolock", "--quiet", "all",
+        *extra, "--config", *config,
+    ]  # fmt: skip
 
 
 def _finish(preset: str) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from cassie_lib import pipeline
 from cassie_lib.dagger import Round, Start, dagger_rounds
-from cassie_lib.planner_pipeline import Trial, causal_model, planner_trial
+from cassie_lib.planner_pipeline import Trial, causal_model, planner_trials
 from cassie_lib.presets import Preset, replace
 
 
@@ -55,30 +56,77 @@ def dagger(
     )  # fmt: skip
 
 
-def round_trials(preset: Preset, rounds: Sequence[Round]) -> list[Trial]:
-    """Gradient-CEM before the first round and after each: round 0 first, the last one longest."""
-    found = [planner_trial(preset, "gradient_cem")]
-    for item in rounds:
-        last = item.index == len(preset.dagger.schedule)
-        steps = preset.evaluation.last_round_steps if last else None
-        found.append(planner_trial(preset, "gradient_cem", after=item, steps=steps))
-    return found
+class RoundTrials(NamedTuple):
+    """Gradient-CEM's episodes before and after the rounds.
+
+    Attributes:
+        wide: Round 0 first; the last one is the longest.
+        narrow, decayed: The same from the model that has seen the expert's walk alone; all of one
+            length, so that their planner-only steps compare seed by seed.
+        padded: After the last round, begun without any expert.
+        pushed: After the last round, under the push.
+        harder: Under the hard push, by round; not after the first.
+    """
+
+    wide: list[Trial]
+    narrow: list[Trial]
+    decayed: list[Trial]
+    padded: Trial
+    pushed: Trial
+    harder: dict[int, Trial]
 
 
-def narrow_round_trials(
-    preset: Preset, rounds: Sequence[Round], *, kept: bool = True
-) -> list[Trial]:
-    """Gradient-CEM on the model that has seen the expert's walk alone, and after its rounds.
-
-    All trials have the same length: their planner-only steps compare seed by seed.
+def round_trials(
+    preset: Preset,
+    rounds: Sequence[Round],
+    narrow: Sequence[Round],
+    decayed: Sequence[Round],
+    *,
+    push_Ns: float,
+    hard_push_Ns: float,
+) -> RoundTrials:
+    """All trials of notebook 08, side by side where they are missing.
 
     Args:
         preset: The preset.
-        rounds: Of :func:`dagger` without wide data.
-        kept: Whether git keeps the trials after the rounds.
+        rounds: Of :func:`dagger`.
+        narrow: Of :func:`dagger` without wide data.
+        decayed: Likewise, with beta; the trials after them are not for git.
+        push_Ns: Sideways push in N s.
+        hard_push_Ns: One that the planner hardly survives.
     """
-    before = planner_trial(preset, "gradient_cem", wide=False)
-    return [before, *(planner_trial(preset, "gradient_cem", after=r, kept=kept) for r in rounds)]
+    sizes, last = preset.evaluation, rounds[-1]
+    complete = last.index == len(preset.dagger.schedule)
+    longest = {"steps": sizes.last_round_steps}
+    hard = {"push_Ns": hard_push_Ns, "steps": sizes.short_steps}
+    wanted: dict[str, dict[str, Any]] = {
+        "padded": {"after": last, "start": "padded", **longest},
+        "pushed": {"after": last, "push_Ns": push_Ns, "steps": sizes.steps},
+        "wide 0": {},
+        "narrow 0": {"wide": False},
+        "harder 0": hard,
+    }
+    for item in rounds:
+        whole = longest if item is last and complete else {}
+        wanted[f"wide {item.index}"] = {"after": item, **whole}
+        if item.index > 1:
+            wanted[f"harder {item.index}"] = {"after": item, **hard}
+    wanted |= {f"narrow {item.index}": {"after": item} for item in narrow}
+    wanted |= {f"decayed {item.index}": {"after": item, "kept": False} for item in decayed}
+    found = planner_trials(preset, "gradient_cem", wanted)
+
+    def in_order(name: str, count: int) -> list[Trial]:
+        return [found[f"{name} {index}"] for index in range(1, count + 1)]
+
+    before = found["narrow 0"]
+    return RoundTrials(
+        [found["wide 0"], *in_order("wide", len(rounds))],
+        [before, *in_order("narrow", len(narrow))],
+        [before, *in_order("decayed", len(decayed))],
+        found["padded"],
+        found["pushed"],
+        {int(k.split()[1]): trial for k, trial in found.items() if k.startswith("harder")},
+    )
 
 
-__all__ = ["dagger", "dagger_start", "narrow_round_trials", "round_trials"]
+__all__ = ["RoundTrials", "dagger", "dagger_start", "round_trials"]

@@ -15,16 +15,19 @@ import json
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cassie_lib import pipeline
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
+from cassie_lib.artifacts.side_by_side import side_by_side
 from cassie_lib.dynamics.evaluation import open_loop
 from cassie_lib.dynamics.run import CHECKPOINT
 from cassie_lib.dynamics.training import train_transformer
 from cassie_lib.errors import CassieError, ParameterError
 from cassie_lib.files import write_json
+from cassie_lib.planning.threads import one_torch_thread
 from cassie_lib.presets import Preset, TransformerParameters, replace, resolve
 
 #: What the grid varies, in the order that numbers the points.
@@ -106,7 +109,9 @@ def point_artifact(preset: Preset, point: Point) -> Artifact:
         train, validation = (pipeline.transitions(preset, name) for name in names)
         work = folder / WORK
         work.mkdir(parents=True, exist_ok=True)
-        trained = train_transformer(train, parameters, validation=validation, folder=work)
+        # Several points train side by side; one alone does not depend on the number of cores.
+        with one_torch_thread():
+            trained = train_transformer(train, parameters, validation=validation, folder=work)
         found = open_loop(
             trained.model, validation, HORIZON, preset.grid.evaluation_windows, context=longest
         )
@@ -130,9 +135,9 @@ def score_table(preset: Preset, points: Iterable[Point]) -> tuple[list[dict], li
         One row per point (number, seed, factors, ``one_step_loss`` (Eq 3.5, normalised, validation
         set), relative errors at steps 1 and 10, minutes), and the artifacts.
     """
-    base, rows, used = base_point(preset), [], []
-    for point in points:
-        artifact = point_artifact(preset, point)
+    base, rows, points = base_point(preset), [], list(points)
+    used = side_by_side([partial(point_artifact, preset, point) for point in points])
+    for point, artifact in zip(points, used, strict=True):
         score = json.loads(artifact.file(SCORE).read_text(encoding="utf-8"))
         row: dict[str, Any] = {"point": point.number, "seed": point.seed}
         row |= dict(zip(FACTORS, point.values, strict=True))

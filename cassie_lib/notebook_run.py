@@ -16,6 +16,7 @@ from typing import Any
 
 from cassie_lib import paths
 from cassie_lib.artifacts.recompute import REQUEST, SINCE
+from cassie_lib.artifacts.side_by_side import PROCESSES
 from cassie_lib.artifacts.store import USED
 from cassie_lib.errors import CassieError, ParameterError, unknown_name
 from cassie_lib.files import write_text
@@ -181,6 +182,7 @@ def run_notebook(
         CHANGED: json.dumps(changed),
         REQUEST: recompute[0] if recompute else os.environ.get(REQUEST),
         SINCE: repr(recompute[1]) if recompute else os.environ.get(SINCE),
+        PROCESSES: os.environ.get(PROCESSES) or str(_processes(preset)),
         "MPLBACKEND": None,  # otherwise the figures are not shown in the notebook
         "KINETO_LOG_LEVEL": "99",  # PyTorch's profiler would write into the notebook
         **headless_rendering(),
@@ -214,6 +216,15 @@ def run_notebook(
     used.unlink(missing_ok=True)
     print(f"[{notebook.stem}] done in {seconds / 60:.1f} min: {short_path(target)}", flush=True)
     return target
+
+
+def _processes(preset: str) -> int:
+    """Results to compute at a time: one per core.
+
+    A smoke test is over before a process has begun, and ``thesis`` shares one graphics card.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return cores or 1 if preset == "laptop" else 1
 
 
 def short_path(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from cassie_lib import pipeline
 from cassie_lib.artifacts import Artifact, load_or_compute
+from cassie_lib.artifacts.side_by_side import side_by_side
 from cassie_lib.dagger import Round
 from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.dynamics.store import load_causal
@@ -140,6 +142,25 @@ def planner_trial(
     )  # fmt: skip
 
 
+def planner_trials(
+    preset: Preset, planner: str, wanted: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Trial]:
+    """Trials that do not need each other, computed side by side where they are missing.
+
+    Args:
+        preset: The preset.
+        planner: One of :data:`PLANNERS`.
+        wanted: Arguments of :func:`planner_trial` for each, by a name.
+
+    Returns:
+        The trials by those names.
+    """
+    calls = [partial(planner_trial, preset, planner, **options) for options in wanted.values()]
+    usual = preset.evaluation.planner_steps
+    costs = [float(options.get("steps") or usual) for options in wanted.values()]
+    return dict(zip(wanted, side_by_side(calls, costs), strict=True))
+
+
 def mean_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     """Shorter trials with each initial mean of the plans; see :func:`planner_trial`.
 
@@ -149,12 +170,10 @@ def mean_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     means = [mean for mean in MEANS if not (mean == "expert" and preset.name == "smoke")]
     own = planner_parameters(preset, planner).mean
     steps = preset.evaluation.ablation_steps
-    return {
-        mean: planner_trial(
-            preset, planner, steps=None if mean == own else steps, changes={"mean": mean}
-        )
-        for mean in means
+    wanted = {
+        mean: {"steps": None if mean == own else steps, "changes": {"mean": mean}} for mean in means
     }
+    return planner_trials(preset, planner, wanted)
 
 
 def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
@@ -164,13 +183,12 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     """
     steps = preset.evaluation.ablation_steps
     bare = {"foot_weight": 0.0}
-    return {
-        "Eq 3.11 alone": planner_trial(
-            preset, planner, steps=steps, changes=bare | {"terminal_weight": 0.0}
-        ),
-        "with the critic": planner_trial(preset, planner, steps=steps, changes=bare),
-        "with the critic and the foot term": planner_trial(preset, planner),
+    wanted = {
+        "Eq 3.11 alone": {"steps": steps, "changes": bare | {"terminal_weight": 0.0}},
+        "with the critic": {"steps": steps, "changes": bare},
+        "with the critic and the foot term": {},
     }
+    return planner_trials(preset, planner, wanted)
 
 
 def playback_trial(preset: Preset) -> Trial:
@@ -212,4 +230,5 @@ __all__ = [
     "playback_trial",
     "planner_parameters",
     "planner_trial",
+    "planner_trials",
 ]

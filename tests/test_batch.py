@@ -16,6 +16,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
 from cassie_lib import artifacts, batch, gallery, notebook_run, paths, stamps
 from cassie_lib.artifacts import recompute
+from cassie_lib.artifacts.side_by_side import PROCESSES
 from cassie_lib.errors import DataError, ParameterError, UnknownNameError
 
 PARAMETERS = 'PRESET = "laptop"  # str\nSEEDS = 2\nRATE = 0.5\nGAITS = ("walk", "hop")'
@@ -125,6 +126,21 @@ def test_a_run_is_executed_cleaned_and_put_where_its_preset_belongs(house):
     page = (index.parent / "01_house.html").read_text()
     assert "<math" in page
     assert "$x_1$" not in page
+
+
+def test_only_laptop_runs_compute_side_by_side(house, monkeypatch):
+    write_notebook(house, "01", last=f"import os; print(os.environ[{PROCESSES!r}])")
+    monkeypatch.delenv(PROCESSES, raising=False)
+
+    def printed(preset):
+        cells = json.loads(notebook_run.run_notebook("01", preset).read_text())["cells"]
+        return "".join(cells[-1]["outputs"][0]["text"]).strip()
+
+    assert printed("smoke") == "1"
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    assert printed("laptop") == str(cores)
+    monkeypatch.setenv(PROCESSES, "5")
+    assert printed("laptop") == "5", "unless told otherwise"
 
 
 def test_a_failing_cell_leaves_the_former_result_and_a_copy_to_look_at(house, capsys):

@@ -11,6 +11,7 @@ from artifact_toys import Parameters, damage_empty, make
 from cassie_lib import batch, paths
 from cassie_lib.artifacts import recompute
 from cassie_lib.artifacts.ledger import computed_since
+from cassie_lib.artifacts.side_by_side import PROCESSES
 from cassie_lib.stamps import stamp_file, write_stamp
 
 
@@ -30,10 +31,11 @@ def house(tmp_path, monkeypatch, artifact_folders):
 @pytest.fixture
 def commands(monkeypatch):
     """Commands that would be run; ``code`` is what they end with."""
-    found = SimpleNamespace(calls=[], code=0, finished=[])
+    found = SimpleNamespace(calls=[], code=0, finished=[], environment={})
 
-    def pretend(command, check):
+    def pretend(command, check, env):
         found.calls.append(command)
+        found.environment = env
         return SimpleNamespace(returncode=found.code)
 
     monkeypatch.setattr(batch, "subprocess", SimpleNamespace(run=pretend))
@@ -57,6 +59,17 @@ def test_figures_ask_for_all_notebooks_of_a_preset(house, commands, capsys):
     assert capsys.readouterr().out == "up to date: 01_toy, 02_toy\n"
     assert commands.finished == ["smoke"]
     assert all(stamp_file("smoke", number).exists() for number in ("01", "02"))
+
+
+def test_notebooks_at_a_time_share_the_cores(house, commands, monkeypatch):
+    monkeypatch.delenv(PROCESSES, raising=False)
+    assert batch.main(["figures", "--preset", "smoke"]) == 0
+    assert PROCESSES not in commands.environment, "each notebook takes all cores"
+    assert batch.main(["figures", "--preset", "smoke", "--jobs", "2"]) == 0
+    assert commands.environment[PROCESSES] == "1"
+    monkeypatch.setenv(PROCESSES, "3")
+    assert batch.main(["figures", "--preset", "smoke", "--jobs", "2"]) == 0
+    assert commands.environment[PROCESSES] == "3", "unless told otherwise"
 
 
 def test_only_some_notebooks(house, commands):

@@ -16,25 +16,47 @@ def rounds():
     return [SimpleNamespace(index=i, model=f"model {i}", artifact=f"round {i}") for i in (1, 2)]
 
 
-def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, asked, rounds):
-    dagger_pipeline.round_trials(stages, rounds)
-    before, first, last = asked
-    assert (before.stage, first.stage, last.stage) == ("gradient_cem", "dagger", "dagger")
-    assert (first.model, last.model) == ("model 1", "model 2")
-    assert last.upstream[1] == "round 2"
-    assert before.upstream[1].stage == "causal"
-    assert [item.protocol.steps for item in asked] == [30, 30, 100]
+def tried(stages, asked, rounds, narrow=(), decayed=()):
+    """What was asked for, by the model and the push."""
     asked.clear()
-    dagger_pipeline.round_trials(stages, rounds[:1])
-    assert asked[-1].protocol.steps == 30, "the schedule is not finished"
+    pushes = {"push_Ns": 20.0, "hard_push_Ns": 40.0}
+    found = dagger_pipeline.round_trials(stages, rounds, narrow, decayed, **pushes)
+    return found, {
+        (item.upstream[1] if item.stage == "dagger" else item.upstream[1].key,
+         item.protocol.start, item.protocol.push_Ns): item for item in asked
+    }  # fmt: skip
+
+
+def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, asked, rounds):
+    found, trials = tried(stages, asked, rounds)
+    wide = pipeline.causal_artifact(stages).key
+    walks = [trials[key, "handover", 0.0] for key in (wide, "round 1", "round 2")]
+    assert [item.protocol.steps for item in walks] == [30, 30, 100]
+    assert [item.model for item in walks[1:]] == ["model 1", "model 2"]
+    assert len(found.wide) == 3
+    padded = trials["round 2", "padded", 0.0]
+    assert (padded.model, padded.protocol.steps) == ("model 2", 100)
+    pushed = trials["round 2", "handover", 20.0]
+    assert (pushed.model, pushed.protocol.steps) == ("model 2", stages.evaluation.steps)
+    hard = {key for key, _, push in trials if push == 40.0}
+    assert hard == {wide, "round 2"}, "the first round is not pushed"
+    assert set(found.harder) == {0, 2}
+    _, trials = tried(stages, asked, rounds[:1])
+    assert trials["round 1", "handover", 0.0].protocol.steps == 30, "the schedule is not finished"
 
 
 def test_rounds_of_the_narrow_model_are_tried_for_the_same_length(stages, asked, rounds):
-    dagger_pipeline.narrow_round_trials(stages, rounds)
-    assert [item.model for item in asked[1:]] == ["model 1", "model 2"]
-    assert asked[0].upstream[1].key == pipeline.causal_artifact(stages, wide=False).key
-    assert asked[0].upstream[1].key != pipeline.causal_artifact(stages).key
-    assert {item.protocol.steps for item in asked} == {stages.evaluation.planner_steps}
+    narrow = [SimpleNamespace(index=i, model=f"thin {i}", artifact=f"thin {i}") for i in (1, 2)]
+    faded = [SimpleNamespace(index=1, model="faded", artifact="faded")]
+    found, trials = tried(stages, asked, rounds, narrow, faded)
+    before = pipeline.causal_artifact(stages, wide=False).key
+    assert before != pipeline.causal_artifact(stages).key
+    compared = [trials[key, "handover", 0.0] for key in (before, "thin 1", "thin 2", "faded")]
+    assert {item.protocol.steps for item in compared} == {stages.evaluation.planner_steps}
+    assert [item.model for item in compared[1:]] == ["thin 1", "thin 2", "faded"]
+    assert "not kept" in compared[3].preset
+    assert not any("not kept" in item.preset for item in compared[:3])
+    assert (len(found.narrow), len(found.decayed)) == (3, 2)
 
 
 def test_dagger_begins_with_what_the_model_was_made_of(stages):

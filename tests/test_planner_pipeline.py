@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
-from cassie_lib import gait, pipeline
+from cassie_lib import gait, paths, pipeline
 from cassie_lib import planner_pipeline as planners
+from cassie_lib.artifacts import recompute
+from cassie_lib.artifacts.side_by_side import PROCESSES
 from cassie_lib.errors import ParameterError, UnknownNameError
 from cassie_lib.expert.trials import SPEEDS_MPS, run_trials
 from cassie_lib.planning.cem import MEANS
@@ -33,6 +37,26 @@ def test_a_trial_runs_the_planner_on_the_stored_model_once(stages):
     np.testing.assert_array_equal(again.episodes.recording.length, recording.length)
     other = planners.planner_trial(stages, "cem", seed=5)
     assert other.artifact.key != trial.artifact.key
+
+
+def test_trials_side_by_side_are_those_of_one_process_bit_for_bit(stages, monkeypatch):
+    wanted = {f"{steps} steps": {"steps": steps, "seed": 3} for steps in (15, 16)}
+    alone = {name: planners.planner_trial(stages, "cem", **how) for name, how in wanted.items()}
+    monkeypatch.setenv("CASSIE_CACHE", str(paths.CACHE))
+    monkeypatch.setenv(PROCESSES, "2")
+    monkeypatch.setenv(recompute.REQUEST, "cem")
+    monkeypatch.setenv(recompute.SINCE, repr(time.time()))
+    found = planners.planner_trials(stages, "cem", wanted)
+    assert list(found) == list(wanted)
+    for name, trial in found.items():
+        assert trial.artifact.manifest["seed"] == 3
+        finished = [t.artifact.manifest["finished_unix_s"] for t in (alone[name], trial)]
+        assert finished[1] > finished[0], "computed anew"
+        assert trial.artifact.key == alone[name].artifact.key
+        ours, theirs = (item.episodes for item in (trial, alone[name]))
+        np.testing.assert_array_equal(ours.recording.states, theirs.recording.states)
+        np.testing.assert_array_equal(ours.recording.actions, theirs.recording.actions)
+        np.testing.assert_array_equal(ours.log.imagined_return, theirs.log.imagined_return)
 
 
 def test_baselines_are_the_rewards_of_walking_and_of_standing(stages):

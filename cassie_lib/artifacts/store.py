@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from cassie_lib import paths
+from cassie_lib.artifacts.loading import check_may_compute
 from cassie_lib.artifacts.manifest import (
     MANIFEST,
     WORK,
@@ -80,6 +81,7 @@ def load_or_compute(
 
     Raises:
         ArtifactError: If the stored result is damaged: it is neither used nor deleted.
+        NotStoredError: If it is not stored, within ``loading_only``.
         UnknownNameError: If there is no such stage.
         ParameterError: If a parameter is not finite or has no canonical form.
     """
@@ -90,6 +92,7 @@ def load_or_compute(
     artifact = find(stage, key, since, before)
     if artifact is None:
         name = f"{stage}-{key[:12]}"
+        check_may_compute(name)
         with locked(paths.CACHE / "locks" / f"{name}.lock", f"it computes {name}"):
             artifact = find(stage, key, since, before)
             if artifact is None:

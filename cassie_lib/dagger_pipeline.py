@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from cassie_lib import pipeline
+from cassie_lib.artifacts.side_by_side import side_by_side
 from cassie_lib.dagger import Round, Start, dagger_rounds
 from cassie_lib.planner_pipeline import Trial, causal_model, planner_trials
 from cassie_lib.presets import Preset, replace
@@ -52,8 +54,30 @@ def dagger(
     parameters = preset.dagger if decay is None else replace(preset.dagger, decay=decay)
     return dagger_rounds(
         dagger_start(preset, wide=wide), parameters, preset.gradient_cem, preset.simulation,
-        preset=preset.name if kept else pipeline.not_kept(preset), rounds=rounds,
+        preset=preset.name, kept=kept, rounds=rounds,
     )  # fmt: skip
+
+
+def dagger_runs(
+    preset: Preset, narrow_rounds: int, decayed_rounds: int, decay: float
+) -> list[list[Round]]:
+    """The rounds of notebook 08, side by side where they are missing.
+
+    Args:
+        preset: The preset.
+        narrow_rounds: Rounds from the model without wide data.
+        decayed_rounds: Likewise with beta, not for git: made anew in minutes.
+        decay: beta.
+
+    Returns:
+        The rounds of the schedule, those from the narrow model, those with beta.
+    """
+    calls = [
+        partial(dagger, preset),
+        partial(dagger, preset, rounds=narrow_rounds, wide=False),
+        partial(dagger, preset, rounds=decayed_rounds, decay=decay, wide=False, kept=False),
+    ]
+    return side_by_side(calls, (len(preset.dagger.schedule), narrow_rounds, decayed_rounds))
 
 
 class RoundTrials(NamedTuple):
@@ -129,4 +153,4 @@ def round_trials(
     )
 
 
-__all__ = ["RoundTrials", "dagger", "dagger_start", "round_trials"]
+__all__ = ["RoundTrials", "dagger", "dagger_runs", "dagger_start", "round_trials"]

@@ -27,8 +27,8 @@ from cassie_lib.dynamics.run import CHECKPOINT
 from cassie_lib.dynamics.training import train_transformer
 from cassie_lib.errors import CassieError, ParameterError
 from cassie_lib.files import write_json
-from cassie_lib.planning.threads import one_torch_thread
 from cassie_lib.presets import Preset, TransformerParameters, replace, resolve
+from cassie_lib.threads import one_torch_thread
 
 #: What the grid varies, in the order that numbers the points.
 FACTORS = ("batch_size", "context", "learning_rate", "dropout", "weight_decay")
@@ -145,7 +145,6 @@ def score_table(preset: Preset, points: Iterable[Point]) -> tuple[list[dict], li
         names = ("one_step_loss", "relative_step_1", f"relative_step_{HORIZON}")
         row |= {name: score[name] for name in names}
         rows.append({**row, "minutes": artifact.wall_time_s / 60})
-        used.append(artifact)
     return rows, used
 
 

@@ -1,15 +1,19 @@
 """Upstream results of a notebook, each loaded or computed: no notebook needs another to run first.
 
 Every function takes a preset and returns the artifact of one stage (``..._artifact``) or what is
-in it.  What a stage itself needs it asks for in the same way.  Policies and data sets have modules
-of their own and are found here, too.
+in it.  What a stage itself needs it asks for in the same way.  Models are trained with one torch
+thread, so that their weights do not depend on the number of cores.  Policies and data sets have
+modules of their own and are found here, too.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
+from cassie_lib.artifacts.side_by_side import side_by_side
 from cassie_lib.data_pipeline import (
     DATASETS,
     as_transitions,
@@ -31,6 +35,7 @@ from cassie_lib.expert_pipeline import (
     reward_only_artifact,
 )
 from cassie_lib.presets import Preset, replace
+from cassie_lib.threads import one_torch_thread
 
 #: Training curves of a model: epoch, step, seconds, metric, value.
 TRAINING_LOG = "timing_log.csv"
@@ -50,15 +55,24 @@ def mlp_artifact(preset: Preset, *, curriculum: bool = False, seed: int | None =
     def compute(folder: Path) -> None:
         train, validation, test = baseline_sets(preset)
         work = _work(folder)
-        trained = train_mlp(
-            train, parameters, validation=validation, test=test, curriculum=curriculum, folder=work
-        )
+        with one_torch_thread():
+            trained = train_mlp(
+                train, parameters, validation=validation, test=test, curriculum=curriculum,
+                folder=work,
+            )  # fmt: skip
         _store(folder, trained)
 
     return load_or_compute(
         "mlp", {"mlp": parameters, "curriculum": curriculum}, compute, upstream, preset=preset.name,
         seed=parameters.seed,
     )  # fmt: skip
+
+
+def mlp_artifacts(preset: Preset, seeds: Sequence[int]) -> tuple[list[Artifact], Artifact]:
+    """The baselines of Figure 5.1, one a seed, and that of Figure 5.2; side by side if missing."""
+    calls = [partial(mlp_artifact, preset, seed=seed) for seed in seeds]
+    *single, several = side_by_side([*calls, partial(mlp_artifact, preset, curriculum=True)])
+    return single, several
 
 
 def transformer_artifact(preset: Preset) -> Artifact:
@@ -68,9 +82,10 @@ def transformer_artifact(preset: Preset) -> Artifact:
     def compute(folder: Path) -> None:
         train, validation, test = (transitions(preset, name) for name in names)
         work = _work(folder)
-        trained = train_transformer(
-            train, preset.transformer, validation=validation, test=test, folder=work
-        )
+        with one_torch_thread():
+            trained = train_transformer(
+                train, preset.transformer, validation=validation, test=test, folder=work
+            )
         _store(folder, trained)
 
     return load_or_compute(
@@ -96,9 +111,10 @@ def causal_artifact(preset: Preset, *, wide: bool = True) -> Artifact:
         work = _work(folder)
         # Measured only, for the curves of notebook 05: the weights do not depend on them.
         measured = {"train": used[0], "test": transitions(preset, "test")}
-        trained = train_causal(
-            used, parameters, validation=validation, measured=measured, folder=work
-        )
+        with one_torch_thread():
+            trained = train_causal(
+                used, parameters, validation=validation, measured=measured, folder=work
+            )
         _store(folder, trained)
 
     return load_or_compute(
@@ -107,9 +123,10 @@ def causal_artifact(preset: Preset, *, wide: bool = True) -> Artifact:
     )  # fmt: skip
 
 
-def not_kept(preset: Preset) -> str:
-    """Name of a preset for the record of a result that is made again in minutes: not for git."""
-    return f"{preset.name}, not kept"
+def transformer_and_causal(preset: Preset) -> list[Artifact]:
+    """The thesis's transformer and the causal model beside it; side by side if missing."""
+    calls = [partial(transformer_artifact, preset), partial(causal_artifact, preset)]
+    return side_by_side(calls)
 
 
 def _work(folder: Path) -> Path:
@@ -138,10 +155,11 @@ __all__ = [
     "held_out_artifacts",
     "held_out_sets",
     "mlp_artifact",
+    "mlp_artifacts",
     "noise_study_artifact",
-    "not_kept",
     "pending_dataset",
     "reward_only_artifact",
+    "transformer_and_causal",
     "transformer_artifact",
     "transitions",
 ]

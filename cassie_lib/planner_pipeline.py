@@ -137,7 +137,7 @@ def planner_trial(
             "dagger" if after else planner, _protocol(preset, steps=steps, **protocol),
             after.model if after else causal_model(preset, wide=wide), parameters,
             load_expert(expert.path), upstream=[expert, source],
-            preset=preset.name if kept else pipeline.not_kept(preset),
+            preset=preset.name, kept=kept,
         )
     )  # fmt: skip
 

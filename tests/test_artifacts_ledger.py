@@ -61,7 +61,7 @@ def test_what_is_not_stored_or_damaged_is_left_out(tree):
 def test_only_results_of_the_preset_since_then_count():
     old = make(stage="cem", preset="smoke")
     since = old.manifest["finished_unix_s"]
-    later = make(Parameters(size=9), compute=Counted("x"), preset="smoke, not kept")
+    later = make(Parameters(size=9), compute=Counted("x"), preset="smoke")
     make(Parameters(size=10), preset="laptop")
     assert computed_since(since + 1e-6, "smoke") == (1, later.wall_time_s)
     assert computed_since(since, "smoke")[0] == 2
@@ -93,7 +93,7 @@ def test_a_request_to_compute_anew_notes_the_new_time(monkeypatch):
 
 def test_other_presets_note_nothing_and_a_damaged_file_counts_as_none():
     make(preset="smoke")
-    make(Parameters(size=4), preset="laptop, not kept")
+    make(Parameters(size=4), preset="thesis")
     assert not (paths.DATA / FILE).exists()
     paths.DATA.mkdir()
     for text in ("", "[]", '{"a": 3}', '{"a": {"seconds": "x", "upstream": []}}'):

@@ -113,7 +113,7 @@ def test_a_finished_request_says_what_it_has_computed(house, commands, capsys, m
     # The request was interrupted; what is made from here on belongs to it.
     monkeypatch.setenv(recompute.REQUEST, "data,cem")
     monkeypatch.setenv(recompute.SINCE, config(commands.calls[0])["since"])
-    anew = [make(preset="smoke"), make(stage="cem", preset="smoke, not kept")]
+    anew = [make(preset="smoke"), make(stage="cem", preset="smoke")]
     damage_empty(make(Parameters(size=4), preset="smoke").path / "manifest.json")
     make(Parameters(size=5), preset="laptop")
     capsys.readouterr()

@@ -145,10 +145,17 @@ def test_open_loop_of_a_known_error():
     expected = 0.01 * (weights**2).sum() / 3
     assert result.thesis_loss(reduction="sum") == pytest.approx(expected, rel=1e-3)
     assert result.thesis_loss() == pytest.approx(expected / 49, rel=1e-3)
-    assert result.group_rmse()["velocity"]["model"] == pytest.approx(0.1, rel=1e-3)
     assert result.summary()["relative_step_3"] == result.relative[2]
     with pytest.raises(ParameterError, match="units"):
         result.thesis_loss(units="feet")
+
+
+@pytest.mark.parametrize("wrong", [{"windows": 0}, {"horizon": 0}, {"batch": -1}])
+def test_nothing_to_measure_is_refused(wrong):
+    data = oscillators(2, 30)
+    ((name, value),) = wrong.items()
+    with pytest.raises(ParameterError, match=f"{name} = {value}: expected at least 1"):
+        open_loop(Truth(data), data, **wrong)
 
 
 def test_models_of_different_context_see_the_same_windows():

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from cassie_lib import gait
+from cassie_lib.artifacts.manifest import content_digest, list_files
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ArtifactError, ParameterError
 from cassie_lib.expert.policy import Expert, ExpertPolicy
@@ -100,6 +101,7 @@ def test_planner_drives_the_robot_after_the_hand_over(episodes):
     assert log.planned.all(axis=1).tolist() == [False, False, True, True, True, True]
     assert (recording.length == 6).all()
     assert episodes.planner_steps.tolist() == [4, 4]
+    assert episodes.planner_limit == 4
     assert episodes.plan_time_s > 0
     imagined, realised = episodes.imagined_and_realised()
     assert len(imagined) == len(realised) == 2
@@ -121,6 +123,18 @@ def test_episodes_survive_storing(episodes, tmp_path):
     np.testing.assert_array_equal(recording.phase, episodes.recording.phase)
     np.testing.assert_allclose(log.imagined_return, episodes.log.imagined_return, atol=1e-5)
     np.testing.assert_array_equal(recording.length, episodes.recording.length)
+    np.testing.assert_allclose(log.plan_time_s, episodes.log.plan_time_s, rtol=1e-6)
+
+
+def test_wall_times_are_no_part_of_the_content(episodes, tmp_path):
+    slower = episodes._replace(log=episodes.log._replace(plan_time_s=7 * episodes.log.plan_time_s))
+    for name, found in {"a": episodes, "b": slower}.items():
+        (tmp_path / name).mkdir()
+        save_episodes(tmp_path / name / "episodes.npz", found)
+    files = [list_files(tmp_path / name) for name in "ab"]
+    assert "timing_episodes.npy" in files[0]
+    assert content_digest(files[0]) == content_digest(files[1])
+    assert files[0] != files[1]
 
 
 def test_damaged_episodes_are_refused(episodes, tmp_path):
@@ -133,3 +147,11 @@ def test_damaged_episodes_are_refused(episodes, tmp_path):
             load_episodes(path)
     with pytest.raises(ArtifactError):
         load_episodes(tmp_path / "missing.npz")
+    path.write_bytes(whole)
+    times = tmp_path / "timing_episodes.npy"
+    np.save(times, np.zeros(3))
+    with pytest.raises(ArtifactError, match=r"plan times of shape \(3,\): expected \(6,\)"):
+        load_episodes(path)
+    times.unlink()
+    with pytest.raises(ArtifactError, match="episodes.npz"):
+        load_episodes(path)

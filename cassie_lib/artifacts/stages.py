@@ -38,7 +38,7 @@ class Stage:
 
 _ROBOT = ("robot", "gait", "reward", "simulator")
 _WALKING = (*_ROBOT, "controllers", "recording", "walking")
-_PLANNING = (*_WALKING, "dynamics", "planning")
+_PLANNING = (*_WALKING, "threads", "dynamics", "planning")
 #: Models learn from arrays; mirror, derivative orders and slices are those of the schema.
 _LEARNING = ("robot/schema", "data", "dynamics")
 #: The fast rollout of a model whose weights are fixed: planners use it, training does not.

@@ -4,23 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cassie_lib.controllers import Observation
+from cassie_lib.controllers import Observation, StandStill
 from cassie_lib.data.bursts import Bursts
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.mixed import MixedController
 from cassie_lib.presets import BurstParameters, DAggerParameters
-from cassie_lib.robot.schema import ACTION_SIZE
-
-
-class _NoAction:
-    """A controller that leaves the PD targets at the neutral pose."""
-
-    def reset(self, count: int, seed: int = 0) -> None:
-        """Nothing to prepare."""
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Zeros ``(N, 10)``."""
-        return np.zeros((len(observation.states), ACTION_SIZE))
 
 
 class DisturbedController(MixedController):
@@ -40,7 +28,7 @@ class DisturbedController(MixedController):
         self, planner: CEM, expert, planner_steps: int, cycle_steps: int, bursts: BurstParameters
     ) -> None:
         super().__init__(planner, expert, planner_steps, cycle_steps)
-        self._bursts = Bursts(_NoAction(), bursts)
+        self._bursts = Bursts(StandStill(), bursts)
 
     def reset(self, count: int, seed: int = 0) -> None:
         """Start ``count`` robots; the seed also decides their bursts."""

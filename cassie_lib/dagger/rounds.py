@@ -35,6 +35,7 @@ from cassie_lib.presets import (
     SimulationParameters,
     replace,
 )
+from cassie_lib.threads import one_torch_thread
 
 MODEL, DATA, REPORT = "model", "data", "report.json"
 #: Holds wall times, so it is no part of the content that later rounds depend on.
@@ -102,6 +103,7 @@ def dagger_rounds(
     simulation: SimulationParameters,
     *,
     preset: str = "",
+    kept: bool = True,
     rounds: int | None = None,
 ) -> list[Round]:
     """Run Algorithm 3, or load what has been run.
@@ -111,7 +113,8 @@ def dagger_rounds(
         parameters: n of each round, M, beta and the budget of a retraining.
         planner: A preset's ``cem`` or ``gradient_cem``: the controller rho.
         simulation: Physics step and commanded speed.
-        preset: For the record; results of ``laptop`` are kept in ``data/``.
+        preset: For the record.
+        kept: Whether git keeps the results of ``laptop``.
         rounds: Run only so many of the schedule's rounds.
 
     Returns:
@@ -124,7 +127,10 @@ def dagger_rounds(
     found: list[Round] = []
     for index, planner_steps in enumerate(parameters.schedule[:rounds], start=1):
         found.append(
-            _round(index, planner_steps, start, found, parameters, planner, simulation, preset)
+            _round(
+                index, planner_steps, start, found, parameters, planner, simulation,
+                preset=preset, kept=kept,
+            )  # fmt: skip
         )
     return found
 
@@ -144,7 +150,9 @@ def _check(start: Start, parameters: DAggerParameters) -> None:
             )
 
 
-def _round(index, planner_steps, start, before, parameters, planner, simulation, preset) -> Round:
+def _round(
+    index, planner_steps, start, before, parameters, planner, simulation, **record
+) -> Round:
     settings = asdict(parameters)
     # A longer schedule must not make the rounds that have been run already unknown.
     del settings["schedule"]
@@ -162,12 +170,13 @@ def _round(index, planner_steps, start, before, parameters, planner, simulation,
             make_planner(model, planner, expert=start.expert, speed_mps=simulation.speed_mps),
             start.expert, planner_steps, parameters,
         )  # fmt: skip
-        _collect(folder, index, driver, parameters, simulation)
-        _retrain(folder, index, model, start, before, parameters)
+        with one_torch_thread():
+            _collect(folder, index, driver, parameters, simulation)
+            _retrain(folder, index, model, start, before, parameters)
 
     artifact = load_or_compute(
         "dagger", recipe, compute, (*start.artifacts, *(item.artifact for item in before)),
-        preset=preset, seed=parameters.seed, kept=True,
+        seed=parameters.seed, **record,
     )  # fmt: skip
     return _open(artifact, index, planner_steps, parameters)
 

@@ -62,25 +62,6 @@ class OpenLoop:
         """Relative error of no change at each step, ``(T,)``."""
         return self._relative(self.no_change)
 
-    def group_rmse(self) -> dict[str, dict[str, np.ndarray]]:
-        """Root mean square error per derivative order, in units of that order.
-
-        Returns:
-            ``{"position" | "velocity" | "acceleration": {"model": (T,), "no_change": (T,),
-            "relative": (T,)}}``; positions mix m, rad and quaternion parts.
-        """
-        order = schema.DERIVATIVE_ORDER[: self.variance.size]
-        table = {}
-        for name, value in GROUPS.items():
-            chosen = order == value
-            varying = chosen & (self.variance > CONSTANT)
-            table[name] = {
-                "model": np.sqrt(self.model[:, chosen].mean(axis=1)),
-                "no_change": np.sqrt(self.no_change[:, chosen].mean(axis=1)),
-                "relative": (self.model[:, varying] / self.variance[varying]).mean(axis=1),
-            }
-        return table
-
     def thesis_loss(
         self,
         order_weights: tuple[float, float, float] = (1.0, 2.0, 5.0),
@@ -174,8 +155,12 @@ def open_loop(
             compared on the same windows; 0 is the model's own H.
 
     Raises:
+        ParameterError: If there is less than one window, step or window per pass.
         DataError: If no episode has ``context + horizon`` states.
     """
+    for name, value in {"horizon": horizon, "windows": windows, "batch": batch}.items():
+        if value < 1:
+            raise ParameterError(f"{name} = {value}: expected at least 1")
     length = max(context, model.context) + horizon
     starts = transitions.window_starts(length)
     chosen = starts[np.unique(np.linspace(0, len(starts) - 1, windows).astype(int))]

@@ -163,4 +163,4 @@ def _build(folder: Path, card: dict[str, Any]) -> nn.Module:
         raise CheckpointError(f"{folder.name}/{CARD} has unknown parameters: {reason}") from error
 
 
-__all__ = ["load_model", "read_card", "save_model", "schema_digest"]
+__all__ = ["load_causal", "load_model", "read_card", "save_model", "schema_digest"]

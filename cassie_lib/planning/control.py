@@ -17,9 +17,9 @@ import torch
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ParameterError
 from cassie_lib.planning.planner import Planner
-from cassie_lib.planning.threads import one_torch_thread
 from cassie_lib.robot.schema import ACTION_SIZE, PELVIS_HEIGHT
 from cassie_lib.simulator import UPRIGHT_M
+from cassie_lib.threads import one_torch_thread
 
 
 class PlanLog(NamedTuple):

@@ -10,8 +10,8 @@ from torch.profiler import ProfilerActivity, profile
 
 from cassie_lib.dynamics.model import History
 from cassie_lib.planning.objective import Objective
-from cassie_lib.planning.threads import one_torch_thread
 from cassie_lib.robot.schema import ACTION_SIZE, STATE_SIZE
+from cassie_lib.threads import one_torch_thread
 
 
 def standing_history(episodes: int, context: int) -> History:

@@ -33,6 +33,11 @@ class PlannedEpisodes(NamedTuple):
         return np.maximum(0, self.recording.length - self.log.handover_step)
 
     @property
+    def planner_limit(self) -> int:
+        """The most control steps that an episode can last after the hand-over."""
+        return self.recording.actions.shape[1] - self.log.handover_step
+
+    @property
     def plan_time_s(self) -> float:
         """Median wall time of one plan for all episodes that were still upright."""
         return float(np.nanmedian(self.log.plan_time_s))
@@ -66,7 +71,8 @@ def save_episodes(path: Path, found: PlannedEpisodes) -> None:
     """Write episodes to one ``.npz`` file, no pickle.
 
     What lies over time is packed (:mod:`cassie_lib.planning.packing`), the planner's log is in
-    single precision.
+    single precision.  Wall times of planning lie in a file beside it, ``timing_<name>.npy``: they
+    are no part of the content, which comes out the same every time.
     """
     recording, log = found
     arrays = {f"term_{name}": values for name, values in recording.terms.items()}
@@ -79,12 +85,19 @@ def save_episodes(path: Path, found: PlannedEpisodes) -> None:
             stored[_PACKED + name], stored[_SHAPE + name] = pack(value), np.array(value.shape)
         else:
             stored[name] = value
-    for name, value in log._asdict().items():
-        series = np.asarray(value)
+    columns = {name: np.asarray(value) for name, value in log._asdict().items()}
+    times = columns.pop("plan_time_s").astype(np.float32)
+    for name, series in columns.items():
         single = series.dtype == np.float64 and series.ndim
         stored[f"log_{name}"] = series.astype(np.float32) if single else series
     with replacing(path) as partial:
         np.savez_compressed(partial, **stored)
+    with replacing(_timing_file(path)) as partial:
+        np.save(partial, times, allow_pickle=False)
+
+
+def _timing_file(path: Path) -> Path:
+    return path.with_name(f"timing_{path.stem}.npy")
 
 
 def _unpacked(stored: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -115,6 +128,9 @@ def _check_shapes(recording: Recording, log: PlanLog) -> None:
     found = {name: getattr(recording, name) for name in expected}
     found |= {f"term_{name}": value for name, value in recording.terms.items()}
     found |= {"log_planned": log.planned, "log_stage_reward": log.stage_reward}
+    times, rows = log.plan_time_s.shape, len(log.planned)
+    if times != (rows,):
+        raise ShapeError(f"plan times of shape {times}: expected {(rows,)}")
     for name, value in found.items():
         # The log ends where all have fallen.
         wanted = (count, steps) if name.startswith("term") else (len(log.planned), count)
@@ -131,6 +147,7 @@ def load_episodes(path: Path) -> PlannedEpisodes:
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = _unpacked({name: stored[name] for name in stored.files})
+        arrays["log_plan_time_s"] = np.load(_timing_file(path), allow_pickle=False)
         terms = {name: arrays.pop(f"term_{name}") for name in WEIGHTS}
         log = PlanLog(**{name: arrays.pop(f"log_{name}") for name in PlanLog._fields})
         arrays["speed_mps"] = float(arrays["speed_mps"])

@@ -96,7 +96,7 @@ def evaluate(
     *,
     upstream: Iterable[Artifact] = (),
     preset: str = "",
-    label: str = "",
+    kept: bool = True,
 ) -> tuple[PlannedEpisodes, Artifact]:
     """:func:`run_protocol`, stored: loaded when it has been run before.
 
@@ -108,7 +108,7 @@ def evaluate(
         expert: The expert.
         upstream: Artifacts of model and expert, which decide the result.
         preset: For the record.
-        label: Tells results of the same recipe apart, if ever needed.
+        kept: Whether git keeps the result of ``laptop``.
 
     Returns:
         The episodes and their artifact.
@@ -118,13 +118,12 @@ def evaluate(
         "protocol": protocol,
         "planner": parameters,
         "model": {"kind": getattr(model, "kind", "learned"), **(settings or {})},
-        "label": label,
     }
 
     def compute(folder: Path) -> None:
         save_episodes(folder / EPISODES, run_protocol(protocol, model, parameters, expert))
 
     artifact = load_or_compute(
-        stage, recipe, compute, upstream, preset=preset, seed=protocol.seed, kept=True
+        stage, recipe, compute, upstream, preset=preset, seed=protocol.seed, kept=kept
     )
     return load_episodes(artifact.file(EPISODES)), artifact

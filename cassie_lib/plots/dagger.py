@@ -150,7 +150,7 @@ def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes], place:
         ax.plot(np.full(len(values), number), values, ".", color=tone, ms=3, alpha=0.35)
     ax.errorbar(numbers, middle, np.abs(bounds - middle), fmt="-o" if place == 0 else "--s",
                 color=tone, capsize=3, ms=4, label=label)  # fmt: skip
-    ends = np.array([t.recording.actions.shape[1] - t.log.handover_step for t in trials])
+    ends = np.array([trial.planner_limit for trial in trials])
     lasting = middle >= ends
     ax.plot(numbers[lasting], 1.6 * middle[lasting], "^", color=tone, ms=4, mfc="white")
     return {"round": np.arange(len(trials)), "median": middle, "low": bounds[0], "high": bounds[1],

@@ -67,7 +67,7 @@ def against_thesis(found: PlannedEpisodes, thesis_steps: float) -> Verdict:
     trial ended, with robots upright, before it could tell.
     """
     steps = found.planner_steps
-    total = _planned_steps(found)
+    total = found.planner_limit
     low, high = bootstrap_interval(steps)
     median, upright = float(np.median(steps)), int((~found.recording.fell).sum())
     reasons = [f"{upright} of {len(steps)} seeds upright at the end, after {total} steps"]
@@ -134,11 +134,6 @@ def record_steps(
     )
 
 
-def _planned_steps(found: PlannedEpisodes) -> int:
-    """Control steps of a trial after the hand-over."""
-    return found.recording.actions.shape[1] - found.log.handover_step
-
-
 def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float, float, float]:
     """Median gain in planner-only steps of the same seeds, and its 95 % interval.
 
@@ -152,7 +147,7 @@ def improvement(before: PlannedEpisodes, after: PlannedEpisodes) -> tuple[float,
             f"trials of {len(before.planner_steps)} and {len(after.planner_steps)} seeds: "
             "expected the same seeds in both"
         )
-    limit = min(_planned_steps(before), _planned_steps(after))
+    limit = min(before.planner_limit, after.planner_limit)
     gain = np.minimum(after.planner_steps, limit) - np.minimum(before.planner_steps, limit)
     low, high = bootstrap_interval(gain)
     return float(np.median(gain)), low, high
@@ -191,7 +186,7 @@ def record_gain(
         verdict, reason = "not reproduced", "the interval of the gain reaches zero"
         if high < 0:
             reason = "it costs steps"
-        limit = min(_planned_steps(before), _planned_steps(after))
+        limit = min(before.planner_limit, after.planner_limit)
         if min(before.planner_steps.min(), after.planner_steps.min()) >= limit:
             verdict, reason = "not comparable", "nothing to gain: no seed falls without it either"
     reason = "; ".join(filter(None, (reason, "median of the seeds' own differences", note)))

@@ -84,7 +84,7 @@ def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[st
     data = {}
     tones = list(COLOURS.values())
     for index, (label, found) in enumerate(trials.items()):
-        total = found.recording.actions.shape[1] - found.log.handover_step
+        total = found.planner_limit
         steps = np.arange(total + 1)
         # Upright for at least so many steps; at the end all that have not fallen remain.
         share = (found.planner_steps[:, None] >= steps).mean(axis=0)

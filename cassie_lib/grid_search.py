@@ -145,7 +145,6 @@ def score_table(preset: Preset, points: Iterable[Point]) -> tuple[list[dict], li
         names = ("one_step_loss", "relative_step_1", f"relative_step_{HORIZON}")
         row |= {name: score[name] for name in names}
         rows.append({**row, "minutes": artifact.wall_time_s / 60})
-        used.append(artifact)
     return rows, used
 
 

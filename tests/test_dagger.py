@@ -264,6 +264,29 @@ def test_killed_round_goes_on_where_it_was(start, cache, monkeypatch):
     assert resumed.artifact.digest == whole.artifact.digest
 
 
+def test_rounds_do_not_depend_on_the_number_of_cores(start, cache, monkeypatch):
+    threads, real = [], rounds.collect
+
+    def collect(*arguments, **options):
+        threads.append(torch.get_num_threads())
+        return real(*arguments, **options)
+
+    def train(*arguments, **options):
+        threads.append(torch.get_num_threads())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rounds, "collect", collect)
+    monkeypatch.setattr(rounds, "train_causal", train)
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run(start)
+    finally:
+        torch.set_num_threads(before)
+    assert threads == [1, 1]
+
+
 def test_bad_rounds_are_refused(start, cache):
     with pytest.raises(ParameterError, match="n = 28"):
         run(start, replace(PARAMETERS, schedule=(1, 28)))

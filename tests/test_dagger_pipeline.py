@@ -81,3 +81,15 @@ def test_one_round_is_run_and_found_again(stages):
     assert again.artifact.from_cache
     (decayed,) = dagger_pipeline.dagger(stages, rounds=1, decay=0.5)
     assert decayed.artifact.key != found.artifact.key
+
+
+def test_runs_of_the_notebook_are_those_asked_for_one_by_one(stages):
+    wide, narrow, decayed = dagger_pipeline.dagger_runs(stages, 1, 1, decay=0.5)
+    assert [item.index for item in wide] == [1, 2]
+    keys = {
+        dagger_pipeline.dagger(stages, rounds=1)[0].artifact.key,
+        dagger_pipeline.dagger(stages, rounds=1, wide=False)[0].artifact.key,
+        dagger_pipeline.dagger(stages, rounds=1, wide=False, decay=0.5)[0].artifact.key,
+    }
+    assert keys == {found[0].artifact.key for found in (wide, narrow, decayed)}
+    assert len(keys) == 3

@@ -7,9 +7,11 @@ import json
 import matplotlib as mpl
 import numpy as np
 import pytest
+import torch
 
 from cassie_lib import grid_search, paths, pipeline
 from cassie_lib import transformer_claims as claims
+from cassie_lib.artifacts import recompute
 from cassie_lib.controllers import Observation
 from cassie_lib.data import open_dataset
 from cassie_lib.dynamics.store import load_model
@@ -156,6 +158,49 @@ def test_logs_of_real_trainings_carry_figures_and_claims(stages, monkeypatch, tm
     assert [record["preset"] for record in records] == ["smoke"] * 5
     assert "0.0013" in claims.losses_beside_the_thesis({"a": losses}, thesis)
     mpl.pyplot.close("all")
+
+
+class ReachedError(Exception):
+    """A training would begin."""
+
+
+@pytest.mark.parametrize("kind", ["mlp", "transformer", "causal", "grid"])
+def test_weights_do_not_depend_on_the_number_of_cores(kind, stages, monkeypatch):
+    module, name = (pipeline, f"train_{kind}")
+    if kind == "grid":
+        module, name = grid_search, "train_transformer"
+    make = {
+        "mlp": pipeline.mlp_artifact,
+        "transformer": pipeline.transformer_artifact,
+        "causal": pipeline.causal_artifact,
+        "grid": lambda preset: grid_search.score_table(preset, grid_search.grid_points(preset)[:1]),
+    }[kind]
+
+    def train(*arguments, **options):
+        raise ReachedError(torch.get_num_threads())
+
+    for data in pipeline.DATASETS:
+        pipeline.dataset_artifact(stages, data)
+    monkeypatch.setattr(module, name, train)
+    monkeypatch.setenv(recompute.REQUEST, "mlp,transformer,causal,prediction")
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        with pytest.raises(ReachedError, match="^1$"):
+            make(stages)
+        assert torch.get_num_threads() == 3, "whoever asked has them back"
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_models_of_a_notebook_are_those_asked_for_one_by_one(stages):
+    single, several = pipeline.mlp_artifacts(stages, range(2))
+    alone = [pipeline.mlp_artifact(stages, seed=seed) for seed in range(2)]
+    assert [item.key for item in single] == [item.key for item in alone]
+    assert several.key == pipeline.mlp_artifact(stages, curriculum=True).key
+    pair = pipeline.transformer_and_causal(stages)
+    assert [item.stage for item in pair] == ["transformer", "causal"]
+    assert pair[1].key == pipeline.causal_artifact(stages).key
 
 
 def test_grid_scores_its_points_on_the_same_windows(stages, capsys, monkeypatch):

@@ -38,6 +38,16 @@ def make(parameters=None, stage="data", compute=None, **options):
     return artifacts.load_or_compute(stage, parameters, compute or Counted(), **options)
 
 
+def wait_until(reached):
+    """Return as soon as a condition holds, which another process brings about."""
+    end = time.time() + 60
+    while time.time() < end:
+        if reached():
+            return
+        time.sleep(0.005)
+    raise AssertionError("waited in vain")
+
+
 def damage_flip(path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1

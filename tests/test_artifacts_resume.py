@@ -10,7 +10,7 @@ import sys
 import time
 
 import pytest
-from artifact_toys import Counted, make
+from artifact_toys import Counted, make, wait_until
 
 from cassie_lib import artifacts, paths
 from cassie_lib.artifacts import recompute, stages, store
@@ -51,15 +51,6 @@ def start(tmp_path):
     return subprocess.Popen(
         [sys.executable, "-c", KILLED], stdout=subprocess.PIPE, text=True, env=environment
     )
-
-
-def wait_until(reached):
-    end = time.time() + 60
-    while time.time() < end:
-        if reached():
-            return
-        time.sleep(0.005)
-    raise AssertionError("waited in vain")
 
 
 def wait_for_step(step):

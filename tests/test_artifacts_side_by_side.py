@@ -7,11 +7,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 
 import pytest
-from artifact_toys import Counted, damage_flip, make
+from artifact_toys import Counted, damage_flip, make, wait_until
 
 from cassie_lib import paths
 from cassie_lib.artifacts import load_or_compute
@@ -155,15 +154,6 @@ def test_processes_end_with_the_one_that_began_them(tmp_path):
         parent.kill()
         parent.wait()
     wait_until(lambda: not any(is_running(child) for child in children))
-
-
-def wait_until(reached):
-    end = time.time() + 60
-    while time.time() < end:
-        if reached():
-            return
-        time.sleep(0.02)
-    raise AssertionError("waited in vain")
 
 
 def children_of(process):

@@ -18,11 +18,12 @@ from cassie_lib.dagger import (
     to_transitions,
     window_shares,
 )
+from cassie_lib.dagger.recordings import load_transitions, save_transitions
 from cassie_lib.data import collect
 from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.dynamics.normalisation import Normalisation
 from cassie_lib.dynamics.windows import Transitions
-from cassie_lib.errors import DataError, ParameterError
+from cassie_lib.errors import ArtifactError, DataError, ParameterError
 from cassie_lib.expert.policy import Expert, ExpertPolicy
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.mixed import MixedController
@@ -159,6 +160,27 @@ def test_recording_gives_the_steps_after_the_hand_over():
         to_transitions(recording, begin=60)
 
 
+def test_stored_transitions_come_back_and_damaged_ones_are_refused(tmp_path):
+    made, path = recorded([4, 3]), tmp_path / "transitions.npz"
+    save_transitions(path, made)
+    found = load_transitions(path)
+    for name in ("states", "actions", "phase", "episode_starts"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
+        assert getattr(found, name).dtype == getattr(made, name).dtype
+    whole = path.read_bytes()
+    for content in (whole[: len(whole) // 2], b""):
+        path.write_bytes(content)
+        with pytest.raises(ArtifactError, match=r"transitions\.npz holds no transitions"):
+            load_transitions(path)
+    np.savez_compressed(path, states=made.states)
+    with pytest.raises(ArtifactError, match="holds no transitions"):
+        load_transitions(path)
+    short = {name: getattr(made, name) for name in ("states", "phase", "episode_starts")}
+    np.savez_compressed(path, actions=made.actions[:-1], **short)
+    with pytest.raises(ArtifactError, match=r"actions has shape \(6, 10\): expected \(7, 10\)"):
+        load_transitions(path)
+
+
 # -- rounds ----------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def start(tmp_path_factory):
@@ -204,6 +226,9 @@ def test_rounds_retrain_and_are_loaded_again(start, cache):
     assert second.model.normalisation.digest() == start.model.normalisation.digest()
     assert first.report["counts"]["transitions"] == 100
     assert sum(len(part) for part in (first.train, first.validation, first.test)) == 100
+    stored = set(first.artifact.manifest["files"])
+    assert "transitions.npz" in stored
+    assert not any("force" in name for name in stored), "nobody learns from it"
     errors = second.report["relative_error"]
     found = [errors[on][when] for on in ("expert", "round") for when in ("before", "after")]
     assert np.isfinite(found).all()

@@ -1,15 +1,20 @@
-"""Recordings of a round: split by episode, padded starts, weights of older rounds."""
+"""Recordings of a round: stored, split by episode, padded starts, weights of older rounds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 
 from cassie_lib.dynamics.windows import Transitions
-from cassie_lib.errors import DataError, ParameterError
+from cassie_lib.errors import ArtifactError, CassieError, DataError, ParameterError
+from cassie_lib.files import UNREADABLE, replacing
 from cassie_lib.recording import Recording
 from cassie_lib.robot.schema import ACTION_SIZE
+
+_ARRAYS = tuple(field.name for field in fields(Transitions))
 
 
 def to_transitions(recorded, begin: int = 0) -> Transitions:
@@ -40,6 +45,27 @@ def to_transitions(recorded, begin: int = 0) -> Transitions:
         np.concatenate([recorded.phase[e, r] for e, r in parts]),
         np.cumsum([0, *(len(row) for _, row in parts[:-1])]),
     )
+
+
+def save_transitions(path: Path, transitions: Transitions) -> None:
+    """Write transitions to one ``.npz`` file, no pickle: the arrays by their names."""
+    arrays = {name: np.asarray(getattr(transitions, name)) for name in _ARRAYS}
+    with replacing(path) as partial:
+        np.savez_compressed(partial, allow_pickle=False, **arrays)
+
+
+def load_transitions(path: Path) -> Transitions:
+    """Read what :func:`save_transitions` wrote.
+
+    Raises:
+        ArtifactError: If the file is missing, damaged or of another format.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return Transitions(**{name: stored[name] for name in _ARRAYS})
+    except (*UNREADABLE, CassieError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ArtifactError(f"{path.name} holds no transitions: {reason}") from error
 
 
 def split_by_episode(

@@ -13,12 +13,14 @@ from typing import Any
 from cassie_lib.artifacts import WORK, Artifact, Upstream, load_or_compute
 from cassie_lib.dagger.disturbed import make_driver
 from cassie_lib.dagger.recordings import (
+    load_transitions,
     pad_starts,
+    save_transitions,
     split_by_episode,
     to_transitions,
     window_shares,
 )
-from cassie_lib.data import collect, open_dataset
+from cassie_lib.data import collect
 from cassie_lib.dynamics.causal import CausalModel
 from cassie_lib.dynamics.evaluation import open_loop
 from cassie_lib.dynamics.store import load_causal, save_model
@@ -37,7 +39,7 @@ from cassie_lib.presets import (
 )
 from cassie_lib.threads import one_torch_thread
 
-MODEL, DATA, REPORT = "model", "data", "report.json"
+MODEL, TRANSITIONS, REPORT = "model", "transitions.npz", "report.json"
 #: Holds wall times, so it is no part of the content that later rounds depend on.
 LOG = "timing_log.csv"
 
@@ -171,8 +173,8 @@ def _round(
             start.expert, planner_steps, parameters,
         )  # fmt: skip
         with one_torch_thread():
-            _collect(folder, index, driver, parameters, simulation)
-            _retrain(folder, index, model, start, before, parameters)
+            counts = _collect(folder, index, driver, parameters, simulation)
+            _retrain(folder, index, model, start, before, parameters, counts)
 
     artifact = load_or_compute(
         "dagger", recipe, compute, (*start.artifacts, *(item.artifact for item in before)),
@@ -181,8 +183,8 @@ def _round(
     return _open(artifact, index, planner_steps, parameters)
 
 
-def _collect(folder, index, driver, parameters, simulation) -> None:
-    """Lines 5-12 of Algorithm 3: M transitions from many robots in one batch."""
+def _collect(folder, index, driver, parameters, simulation) -> dict[str, Any]:
+    """Lines 5-12 of Algorithm 3: M transitions from many robots in one batch; their counts."""
     collection = CollectionParameters(
         name=f"dagger round {index}, n = {driver.planner_steps}",
         transitions=parameters.transitions,
@@ -191,10 +193,15 @@ def _collect(folder, index, driver, parameters, simulation) -> None:
         episode_steps=parameters.episode_steps,
         robots=parameters.robots,
     )
-    collect(driver, collection, simulation, folder / DATA)
+    # What nobody learns from (forces, heights, means of actions) stays behind.
+    recorded = collect(driver, collection, simulation, folder / WORK / "data")
+    save_transitions(folder / TRANSITIONS, to_transitions(recorded))
+    return recorded.card["counts"]
 
 
-def _retrain(folder: Path, index, model, start: Start, before: list[Round], parameters) -> None:
+def _retrain(
+    folder: Path, index, model, start: Start, before: list[Round], parameters, counts
+) -> None:
     """Lines 13-14: put the data together and go on training the last model."""
     settings = replace(
         model.parameters_,
@@ -220,7 +227,8 @@ def _retrain(folder: Path, index, model, start: Start, before: list[Round], para
         initial=model,
         folder=folder / WORK / "training",
     )
-    report = _report(folder, index, model, result.model, start.test, test, settings.horizon)
+    report = _report(index, model, result.model, start.test, test, settings.horizon)
+    report["counts"] = counts
     report["optimiser_steps"], report["skipped_steps"] = result.steps, result.skipped
     save_model(folder / MODEL, result.model, notes=report)
     write_json(folder / REPORT, report)
@@ -228,14 +236,13 @@ def _retrain(folder: Path, index, model, start: Start, before: list[Round], para
 
 
 def _split(folder: Path, index: int, parameters) -> tuple[Transitions, Transitions, Transitions]:
-    recorded = to_transitions(open_dataset(folder / DATA))
+    recorded = load_transitions(folder / TRANSITIONS)
     train, validation, test = split_by_episode(recorded, parameters.split, parameters.seed + index)
     return train, validation, test
 
 
-def _report(folder, index, old, new, expert_test, planner_test, horizon) -> dict[str, Any]:
-    """Counts of the round, and relative errors by predicted step on both kinds of states."""
-    counts = open_dataset(folder / DATA).card["counts"]
+def _report(index, old, new, expert_test, planner_test, horizon) -> dict[str, Any]:
+    """Relative errors by predicted step on both kinds of states."""
     errors = {
         states: {
             when: open_loop(model, recording, horizon).relative.tolist()
@@ -243,7 +250,7 @@ def _report(folder, index, old, new, expert_test, planner_test, horizon) -> dict
         }
         for states, recording in (("expert", expert_test), ("round", planner_test))
     }
-    return {"round": index, "counts": counts, "relative_error": errors}
+    return {"round": index, "relative_error": errors}
 
 
 def _open(artifact: Artifact, index: int, planner_steps: int, parameters) -> Round:

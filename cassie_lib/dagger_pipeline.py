@@ -40,7 +40,6 @@ def dagger(
     rounds: int | None = None,
     decay: float | None = None,
     wide: bool = True,
-    kept: bool = True,
 ) -> list[Round]:
     """The rounds of Algorithm 3 with Gradient-CEM.
 
@@ -49,12 +48,11 @@ def dagger(
         rounds: Only so many of the schedule's rounds.
         decay: beta of section 6.2; default the preset's.
         wide: See :func:`dagger_start`.
-        kept: Whether git keeps the rounds of ``laptop``.
     """
     parameters = preset.dagger if decay is None else replace(preset.dagger, decay=decay)
     return dagger_rounds(
         dagger_start(preset, wide=wide), parameters, preset.gradient_cem, preset.simulation,
-        preset=preset.name, kept=kept, rounds=rounds,
+        preset=preset.name, rounds=rounds,
     )  # fmt: skip
 
 
@@ -66,7 +64,7 @@ def dagger_runs(
     Args:
         preset: The preset.
         narrow_rounds: Rounds from the model without wide data.
-        decayed_rounds: Likewise with beta, not for git: made anew in minutes.
+        decayed_rounds: Likewise with beta.
         decay: beta.
 
     Returns:
@@ -75,7 +73,7 @@ def dagger_runs(
     calls = [
         partial(dagger, preset),
         partial(dagger, preset, rounds=narrow_rounds, wide=False),
-        partial(dagger, preset, rounds=decayed_rounds, decay=decay, wide=False, kept=False),
+        partial(dagger, preset, rounds=decayed_rounds, decay=decay, wide=False),
     ]
     return side_by_side(calls, (len(preset.dagger.schedule), narrow_rounds, decayed_rounds))
 
@@ -115,7 +113,7 @@ def round_trials(
         preset: The preset.
         rounds: Of :func:`dagger`.
         narrow: Of :func:`dagger` without wide data.
-        decayed: Likewise, with beta; the trials after them are not for git.
+        decayed: Likewise, with beta.
         push_Ns: Sideways push in N s.
         hard_push_Ns: One that the planner hardly survives.
     """
@@ -136,7 +134,7 @@ def round_trials(
         if item.index > 1:
             wanted[f"harder {item.index}"] = {"after": item, **hard}
     wanted |= {f"narrow {item.index}": {"after": item} for item in narrow}
-    wanted |= {f"decayed {item.index}": {"after": item, "kept": False} for item in decayed}
+    wanted |= {f"decayed {item.index}": {"after": item} for item in decayed}
     found = planner_trials(preset, "gradient_cem", wanted)
 
     def in_order(name: str, count: int) -> list[Trial]:

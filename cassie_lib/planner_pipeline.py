@@ -98,7 +98,6 @@ def planner_trial(
     changes: Mapping[str, Any] | None = None,
     after: Round | None = None,
     wide: bool = True,
-    kept: bool = True,
     steps: int | None = None,
     **protocol,
 ) -> Trial:
@@ -110,7 +109,6 @@ def planner_trial(
         changes: Planner parameters that differ from the preset's, by name.
         after: Round of DAgger whose model is used; default the model before all rounds.
         wide: Whether that model was trained on the wide data, too.
-        kept: Whether git keeps the result of ``laptop``.
         steps: Control steps of an episode; default those of the preset for the planner.
         protocol: Other fields of :class:`~cassie_lib.planning.evaluate.Protocol` that differ from
             the preset's evaluation.
@@ -137,7 +135,7 @@ def planner_trial(
             "dagger" if after else planner, _protocol(preset, steps=steps, **protocol),
             after.model if after else causal_model(preset, wide=wide), parameters,
             load_expert(expert.path), upstream=[expert, source],
-            preset=preset.name, kept=kept,
+            preset=preset.name,
         )
     )  # fmt: skip
 

@@ -105,7 +105,6 @@ def dagger_rounds(
     simulation: SimulationParameters,
     *,
     preset: str = "",
-    kept: bool = True,
     rounds: int | None = None,
 ) -> list[Round]:
     """Run Algorithm 3, or load what has been run.
@@ -115,8 +114,7 @@ def dagger_rounds(
         parameters: n of each round, M, beta and the budget of a retraining.
         planner: A preset's ``cem`` or ``gradient_cem``: the controller rho.
         simulation: Physics step and commanded speed.
-        preset: For the record.
-        kept: Whether git keeps the results of ``laptop``.
+        preset: For the record; results of ``laptop`` are kept in ``data/``.
         rounds: Run only so many of the schedule's rounds.
 
     Returns:
@@ -129,10 +127,7 @@ def dagger_rounds(
     found: list[Round] = []
     for index, planner_steps in enumerate(parameters.schedule[:rounds], start=1):
         found.append(
-            _round(
-                index, planner_steps, start, found, parameters, planner, simulation,
-                preset=preset, kept=kept,
-            )  # fmt: skip
+            _round(index, planner_steps, start, found, parameters, planner, simulation, preset)
         )
     return found
 
@@ -152,9 +147,7 @@ def _check(start: Start, parameters: DAggerParameters) -> None:
             )
 
 
-def _round(
-    index, planner_steps, start, before, parameters, planner, simulation, **record
-) -> Round:
+def _round(index, planner_steps, start, before, parameters, planner, simulation, preset) -> Round:
     settings = asdict(parameters)
     # A longer schedule must not make the rounds that have been run already unknown.
     del settings["schedule"]
@@ -178,7 +171,7 @@ def _round(
 
     artifact = load_or_compute(
         "dagger", recipe, compute, (*start.artifacts, *(item.artifact for item in before)),
-        seed=parameters.seed, **record,
+        preset=preset, seed=parameters.seed, kept=True,
     )  # fmt: skip
     return _open(artifact, index, planner_steps, parameters)
 

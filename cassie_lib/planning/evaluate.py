@@ -96,7 +96,6 @@ def evaluate(
     *,
     upstream: Iterable[Artifact] = (),
     preset: str = "",
-    kept: bool = True,
 ) -> tuple[PlannedEpisodes, Artifact]:
     """:func:`run_protocol`, stored: loaded when it has been run before.
 
@@ -108,7 +107,6 @@ def evaluate(
         expert: The expert.
         upstream: Artifacts of model and expert, which decide the result.
         preset: For the record.
-        kept: Whether git keeps the result of ``laptop``.
 
     Returns:
         The episodes and their artifact.
@@ -124,6 +122,6 @@ def evaluate(
         save_episodes(folder / EPISODES, run_protocol(protocol, model, parameters, expert))
 
     artifact = load_or_compute(
-        stage, recipe, compute, upstream, preset=preset, seed=protocol.seed, kept=kept
+        stage, recipe, compute, upstream, preset=preset, seed=protocol.seed, kept=True
     )
     return load_episodes(artifact.file(EPISODES)), artifact

@@ -13,7 +13,7 @@ import pytest
 from artifact_toys import Counted, damage_flip, make, wait_until
 
 from cassie_lib import paths
-from cassie_lib.artifacts import load_or_compute
+from cassie_lib.artifacts import load_or_compute, recompute
 from cassie_lib.artifacts.loading import NotStoredError, loading_only
 from cassie_lib.artifacts.side_by_side import PROCESSES, side_by_side
 from cassie_lib.errors import ArtifactError, ParameterError
@@ -83,6 +83,27 @@ def test_missing_results_are_computed_at_the_same_time_and_stored_ones_loaded(mo
     # A single missing one needs no process.
     (_, alone), _ = side_by_side([partial(process_of, "d"), partial(process_of, "a")])
     assert alone[0] == str(os.getpid())
+
+
+def on_upstream(name):
+    upstream, made_by = process_of("upstream")
+
+    def compute(folder):
+        (folder / "made_by.txt").write_text(made_by[0])
+
+    return load_or_compute("data", {"after": name}, compute, [upstream])
+
+
+def test_a_request_to_compute_anew_is_one_for_all_processes(monkeypatch):
+    process_of("upstream")
+    monkeypatch.setenv(PROCESSES, "2")
+    monkeypatch.setenv(recompute.REQUEST, "data")
+    monkeypatch.setenv(recompute.SINCE, "")  # put back to nothing after the test
+    monkeypatch.delenv(recompute.SINCE)
+    process_of("upstream")
+    found = side_by_side([partial(on_upstream, name) for name in "ab"])
+    makers = {item.file("made_by.txt").read_text() for item in found}
+    assert makers == {str(os.getpid())}, "what this process has made anew is not made again"
 
 
 def test_the_longest_begins_first(monkeypatch):

@@ -60,6 +60,15 @@ def recompute_since(stage: str) -> float:
         raise ParameterError(f"{SINCE} is {text!r}: expected seconds as a number") from None
 
 
+def share_request() -> None:
+    """Put the moment of a request into the environment, for processes begun from here on.
+
+    Otherwise each of them would date it anew and compute again what this one has just computed.
+    """
+    if os.environ.get(REQUEST) and SINCE not in os.environ and _process_since:
+        os.environ[SINCE] = repr(_process_since[0])
+
+
 def request_file(preset: str) -> Path:
     """Where the batch runner keeps the unfinished request of a preset."""
     return paths.CACHE / f"recompute-{preset}.json"

@@ -17,6 +17,7 @@ from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
 from cassie_lib.artifacts.loading import NotStoredError, loading_only
+from cassie_lib.artifacts.recompute import share_request
 from cassie_lib.errors import ArtifactError, ParameterError
 
 PROCESSES = "CASSIE_PROCESSES"
@@ -74,6 +75,7 @@ def _is_stored(call: Callable[[], object]) -> bool:
 
 
 def _compute(calls: list[Callable[[], object]], processes: int) -> None:
+    share_request()
     # A forked process would inherit the threads' locks but not the threads.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(processes, context, initializer=_begin_process)

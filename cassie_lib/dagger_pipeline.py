@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 from cassie_lib import pipeline
 from cassie_lib.artifacts.side_by_side import side_by_side
 from cassie_lib.dagger import Round, Start, dagger_rounds
-from cassie_lib.planner_pipeline import Trial, causal_model, planner_trials
+from cassie_lib.planner_pipeline import Trial, causal_model, planner_trial
 from cassie_lib.presets import Preset, replace
 
 
@@ -56,28 +56,6 @@ def dagger(
     )  # fmt: skip
 
 
-def dagger_runs(
-    preset: Preset, narrow_rounds: int, decayed_rounds: int, decay: float
-) -> list[list[Round]]:
-    """The rounds of notebook 08, side by side where they are missing.
-
-    Args:
-        preset: The preset.
-        narrow_rounds: Rounds from the model without wide data.
-        decayed_rounds: Likewise with beta.
-        decay: beta.
-
-    Returns:
-        The rounds of the schedule, those from the narrow model, those with beta.
-    """
-    calls = [
-        partial(dagger, preset),
-        partial(dagger, preset, rounds=narrow_rounds, wide=False),
-        partial(dagger, preset, rounds=decayed_rounds, decay=decay, wide=False),
-    ]
-    return side_by_side(calls, (len(preset.dagger.schedule), narrow_rounds, decayed_rounds))
-
-
 class RoundTrials(NamedTuple):
     """Gradient-CEM's episodes before and after the rounds.
 
@@ -98,57 +76,103 @@ class RoundTrials(NamedTuple):
     harder: dict[int, Trial]
 
 
-def round_trials(
+class DaggerRuns(NamedTuple):
+    """What notebook 08 shows.
+
+    Attributes:
+        wide: All rounds of the schedule.
+        narrow: Rounds from the model without wide data.
+        decayed: The same with beta.
+        trials: Before and after the rounds.
+    """
+
+    wide: list[Round]
+    narrow: list[Round]
+    decayed: list[Round]
+    trials: RoundTrials
+
+
+def dagger_runs(
     preset: Preset,
-    rounds: Sequence[Round],
-    narrow: Sequence[Round],
-    decayed: Sequence[Round],
     *,
+    narrow_rounds: int,
+    decayed_rounds: int,
+    decay: float,
     push_Ns: float,
     hard_push_Ns: float,
-) -> RoundTrials:
-    """All trials of notebook 08, side by side where they are missing.
+) -> DaggerRuns:
+    """The rounds of notebook 08 and the trials after them, side by side where they are missing.
 
     Args:
         preset: The preset.
-        rounds: Of :func:`dagger`.
-        narrow: Of :func:`dagger` without wide data.
-        decayed: Likewise, with beta.
+        narrow_rounds: Rounds from the model without wide data.
+        decayed_rounds: Likewise with beta.
+        decay: beta.
         push_Ns: Sideways push in N s.
         hard_push_Ns: One that the planner hardly survives.
     """
-    sizes, last = preset.evaluation, rounds[-1]
-    complete = last.index == len(preset.dagger.schedule)
-    longest = {"steps": sizes.last_round_steps}
-    hard = {"push_Ns": hard_push_Ns, "steps": sizes.short_steps}
-    wanted: dict[str, dict[str, Any]] = {
-        "padded": {"after": last, "start": "padded", **longest},
-        "pushed": {"after": last, "push_Ns": push_Ns, "steps": sizes.steps},
-        "wide 0": {},
-        "narrow 0": {"wide": False},
-        "harder 0": hard,
+    chains: dict[str, dict[str, Any]] = {
+        "wide": {"rounds": len(preset.dagger.schedule)},
+        "narrow": {"rounds": narrow_rounds, "wide": False},
+        "decayed": {"rounds": decayed_rounds, "wide": False, "decay": decay},
     }
-    for item in rounds:
-        whole = longest if item is last and complete else {}
-        wanted[f"wide {item.index}"] = {"after": item, **whole}
-        if item.index > 1:
-            wanted[f"harder {item.index}"] = {"after": item, **hard}
-    wanted |= {f"narrow {item.index}": {"after": item} for item in narrow}
-    wanted |= {f"decayed {item.index}": {"after": item} for item in decayed}
-    found = planner_trials(preset, "gradient_cem", wanted)
+    wanted = _wanted_trials(preset, chains, push_Ns, hard_push_Ns)
+    calls: list[Callable[[], Any]] = [partial(dagger, preset, **made) for made in chains.values()]
+    calls += [
+        partial(_trial_after, preset, chains[name.split()[0]], index, options)
+        for name, (index, options) in wanted.items()
+    ]
+    # The rounds first: a trial whose round another process still trains waits for it.
+    costs = [float("inf")] * len(chains)
+    costs += [float(options["steps"]) for _, options in wanted.values()]
+    wide, narrow, decayed, *tried = side_by_side(calls, costs)
+    found = dict(zip(wanted, tried, strict=True))
+    return DaggerRuns(wide, narrow, decayed, _by_chain(found, chains))
 
-    def in_order(name: str, count: int) -> list[Trial]:
-        return [found[f"{name} {index}"] for index in range(1, count + 1)]
 
-    before = found["narrow 0"]
+def _wanted_trials(
+    preset: Preset, chains: dict[str, dict[str, Any]], push_Ns: float, hard_push_Ns: float
+) -> dict[str, tuple[int, dict[str, Any]]]:
+    """Round and arguments of every trial, by a name that begins with its chain's."""
+    sizes, last = preset.evaluation, chains["wide"]["rounds"]
+    longest, usual = {"steps": sizes.last_round_steps}, {"steps": sizes.planner_steps}
+    hard = {"push_Ns": hard_push_Ns, "steps": sizes.short_steps}
+    wanted = {
+        "wide padded": (last, {"start": "padded", **longest}),
+        "wide pushed": (last, {"push_Ns": push_Ns, "steps": sizes.steps}),
+        # The model before the rounds is the same with beta and without.
+        "narrow 0": (0, usual),
+    }
+    for index in range(last + 1):
+        wanted[f"wide {index}"] = (index, longest if index == last else usual)
+        if index != 1:
+            wanted[f"wide harder {index}"] = (index, hard)
+    for name in ("narrow", "decayed"):
+        for index in range(1, chains[name]["rounds"] + 1):
+            wanted[f"{name} {index}"] = (index, usual)
+    return wanted
+
+
+def _trial_after(preset: Preset, chain: dict[str, Any], index: int, options: dict) -> Trial:
+    """Trial with the model of a chain's round; with the one before the rounds for round 0."""
+    after = dagger(preset, **{**chain, "rounds": index})[-1] if index else None
+    wide = chain.get("wide", True)
+    return planner_trial(preset, "gradient_cem", after=after, wide=wide, **options)
+
+
+def _by_chain(found: dict[str, Trial], chains: dict[str, dict[str, Any]]) -> RoundTrials:
+    def in_order(name: str, before: str) -> list[Trial]:
+        after = [found[f"{name} {index}"] for index in range(1, chains[name]["rounds"] + 1)]
+        return [found[f"{before} 0"], *after]
+
     return RoundTrials(
-        [found["wide 0"], *in_order("wide", len(rounds))],
-        [before, *in_order("narrow", len(narrow))],
-        [before, *in_order("decayed", len(decayed))],
-        found["padded"],
-        found["pushed"],
-        {int(k.split()[1]): trial for k, trial in found.items() if k.startswith("harder")},
+        in_order("wide", "wide"),
+        in_order("narrow", "narrow"),
+        in_order("decayed", "narrow"),
+        found["wide padded"],
+        found["wide pushed"],
+        {int(k.split()[2]): trial for k, trial in found.items() if k.startswith("wide harder")},
     )
 
 
-__all__ = ["RoundTrials", "dagger", "dagger_runs", "dagger_start", "round_trials"]
+__all__ = ["DaggerRuns", "RoundTrials", "dagger", "dagger_runs", "dagger_start"]

@@ -13,7 +13,7 @@ import argparse
 import itertools
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -128,6 +128,11 @@ def point_artifact(preset: Preset, point: Point) -> Artifact:
     )
 
 
+def point_calls(preset: Preset, points: Iterable[Point]) -> list[Callable[[], Artifact]]:
+    """:func:`point_artifact` of points, as calls to be made side by side with others."""
+    return [partial(point_artifact, preset, point) for point in points]
+
+
 def score_table(preset: Preset, points: Iterable[Point]) -> tuple[list[dict], list[Artifact]]:
     """Scores of points, computed where they are missing.
 
@@ -136,7 +141,7 @@ def score_table(preset: Preset, points: Iterable[Point]) -> tuple[list[dict], li
         set), relative errors at steps 1 and 10, minutes), and the artifacts.
     """
     base, rows, points = base_point(preset), [], list(points)
-    used = side_by_side([partial(point_artifact, preset, point) for point in points])
+    used = side_by_side(point_calls(preset, points))
     for point, artifact in zip(points, used, strict=True):
         score = json.loads(artifact.file(SCORE).read_text(encoding="utf-8"))
         row: dict[str, Any] = {"point": point.number, "seed": point.seed}
@@ -207,6 +212,7 @@ __all__ = [
     "grid_points",
     "one_factor_points",
     "point_artifact",
+    "point_calls",
     "point_parameters",
     "score_table",
     "select_points",

@@ -8,7 +8,7 @@ modules of their own and are found here, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -123,10 +123,19 @@ def causal_artifact(preset: Preset, *, wide: bool = True) -> Artifact:
     )  # fmt: skip
 
 
-def transformer_and_causal(preset: Preset) -> list[Artifact]:
-    """The thesis's transformer and the causal model beside it; side by side if missing."""
-    calls = [partial(transformer_artifact, preset), partial(causal_artifact, preset)]
-    return side_by_side(calls)
+def transformer_and_causal(
+    preset: Preset, beside: Sequence[Callable[[], Artifact]] = ()
+) -> list[Artifact]:
+    """The thesis's transformer and the causal model beside it; side by side if missing.
+
+    Args:
+        preset: The preset.
+        beside: Further calls, computed on the core that the transformer leaves first; see
+            :func:`~cassie_lib.artifacts.side_by_side.side_by_side`.
+    """
+    calls = [partial(causal_artifact, preset), partial(transformer_artifact, preset), *beside]
+    causal, transformer, *_ = side_by_side(calls)
+    return [transformer, causal]
 
 
 def _work(folder: Path) -> Path:

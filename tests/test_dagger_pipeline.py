@@ -11,50 +11,59 @@ from cassie_lib import dagger_pipeline, pipeline
 
 
 @pytest.fixture
-def rounds():
-    """Two rounds, the whole schedule of the preset."""
-    return [SimpleNamespace(index=i, model=f"model {i}", artifact=f"round {i}") for i in (1, 2)]
+def tried(stages, asked, monkeypatch):
+    """The runs of the notebook, untrained, and what their trials ask for, by model and push."""
 
+    def rounds(preset, *, rounds, wide=True, decay=None):
+        del preset
+        name = "faded" if decay else "wide" if wide else "thin"
+        return [
+            SimpleNamespace(index=i, model=f"{name} {i}", artifact=f"{name} {i}")
+            for i in range(1, rounds + 1)
+        ]
 
-def tried(stages, asked, rounds, narrow=(), decayed=()):
-    """What was asked for, by the model and the push."""
-    asked.clear()
-    pushes = {"push_Ns": 20.0, "hard_push_Ns": 40.0}
-    found = dagger_pipeline.round_trials(stages, rounds, narrow, decayed, **pushes)
+    monkeypatch.setattr(dagger_pipeline, "dagger", rounds)
+    found = runs(stages, narrow_rounds=2)
     return found, {
         (item.upstream[1] if item.stage == "dagger" else item.upstream[1].key,
          item.protocol.start, item.protocol.push_Ns): item for item in asked
     }  # fmt: skip
 
 
-def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, asked, rounds):
-    found, trials = tried(stages, asked, rounds)
+def runs(preset, narrow_rounds=1):
+    pushes = {"push_Ns": 20.0, "hard_push_Ns": 40.0}
+    return dagger_pipeline.dagger_runs(
+        preset, narrow_rounds=narrow_rounds, decayed_rounds=1, decay=0.5, **pushes
+    )
+
+
+def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, tried):
+    found, trials = tried
     wide = pipeline.causal_artifact(stages).key
-    walks = [trials[key, "handover", 0.0] for key in (wide, "round 1", "round 2")]
+    walks = [trials[key, "handover", 0.0] for key in (wide, "wide 1", "wide 2")]
     assert [item.protocol.steps for item in walks] == [30, 30, 100]
-    assert [item.model for item in walks[1:]] == ["model 1", "model 2"]
-    assert len(found.wide) == 3
-    padded = trials["round 2", "padded", 0.0]
-    assert (padded.model, padded.protocol.steps) == ("model 2", 100)
-    pushed = trials["round 2", "handover", 20.0]
-    assert (pushed.model, pushed.protocol.steps) == ("model 2", stages.evaluation.steps)
-    hard = {key for key, _, push in trials if push == 40.0}
-    assert hard == {wide, "round 2"}, "the first round is not pushed"
-    assert set(found.harder) == {0, 2}
-    _, trials = tried(stages, asked, rounds[:1])
-    assert trials["round 1", "handover", 0.0].protocol.steps == 30, "the schedule is not finished"
+    assert [item.model for item in walks[1:]] == ["wide 1", "wide 2"]
+    assert [item.index for item in found.wide] == [1, 2], "the whole schedule"
+    assert len(found.trials.wide) == 3
+    padded = trials["wide 2", "padded", 0.0]
+    assert (padded.model, padded.protocol.steps) == ("wide 2", 100)
+    pushed = trials["wide 2", "handover", 20.0]
+    assert (pushed.model, pushed.protocol.steps) == ("wide 2", stages.evaluation.steps)
+    hard = {key: item.protocol.steps for (key, _, push), item in trials.items() if push == 40.0}
+    assert set(hard) == {wide, "wide 2"}, "the first round is not pushed"
+    assert set(hard.values()) == {stages.evaluation.short_steps}
+    assert set(found.trials.harder) == {0, 2}
 
 
-def test_rounds_of_the_narrow_model_are_tried_for_the_same_length(stages, asked, rounds):
-    narrow = [SimpleNamespace(index=i, model=f"thin {i}", artifact=f"thin {i}") for i in (1, 2)]
-    faded = [SimpleNamespace(index=1, model="faded", artifact="faded")]
-    found, trials = tried(stages, asked, rounds, narrow, faded)
+def test_rounds_of_the_narrow_model_are_tried_for_the_same_length(stages, tried):
+    found, trials = tried
     before = pipeline.causal_artifact(stages, wide=False).key
     assert before != pipeline.causal_artifact(stages).key
-    compared = [trials[key, "handover", 0.0] for key in (before, "thin 1", "thin 2", "faded")]
+    compared = [trials[key, "handover", 0.0] for key in (before, "thin 1", "thin 2", "faded 1")]
     assert {item.protocol.steps for item in compared} == {stages.evaluation.planner_steps}
-    assert [item.model for item in compared[1:]] == ["thin 1", "thin 2", "faded"]
-    assert (len(found.narrow), len(found.decayed)) == (3, 2)
+    assert [item.model for item in compared[1:]] == ["thin 1", "thin 2", "faded 1"]
+    assert (len(found.trials.narrow), len(found.trials.decayed)) == (3, 2)
+    assert (len(found.narrow), len(found.decayed)) == (2, 1)
 
 
 def test_dagger_begins_with_what_the_model_was_made_of(stages):
@@ -82,13 +91,15 @@ def test_one_round_is_run_and_found_again(stages):
     assert decayed.artifact.key != found.artifact.key
 
 
-def test_runs_of_the_notebook_are_those_asked_for_one_by_one(stages):
-    wide, narrow, decayed = dagger_pipeline.dagger_runs(stages, 1, 1, decay=0.5)
-    assert [item.index for item in wide] == [1, 2]
+def test_runs_of_the_notebook_are_those_asked_for_one_by_one(stages, asked):
+    found = runs(stages)
+    assert [item.index for item in found.wide] == [1, 2]
     keys = {
         dagger_pipeline.dagger(stages, rounds=1)[0].artifact.key,
         dagger_pipeline.dagger(stages, rounds=1, wide=False)[0].artifact.key,
         dagger_pipeline.dagger(stages, rounds=1, wide=False, decay=0.5)[0].artifact.key,
     }
-    assert keys == {found[0].artifact.key for found in (wide, narrow, decayed)}
+    assert keys == {made[0].artifact.key for made in (found.wide, found.narrow, found.decayed)}
     assert len(keys) == 3
+    longest = max(asked, key=lambda item: item.protocol.steps)
+    assert longest.upstream[1].key == found.wide[-1].artifact.key

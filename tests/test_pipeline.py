@@ -198,9 +198,12 @@ def test_models_of_a_notebook_are_those_asked_for_one_by_one(stages):
     alone = [pipeline.mlp_artifact(stages, seed=seed) for seed in range(2)]
     assert [item.key for item in single] == [item.key for item in alone]
     assert several.key == pipeline.mlp_artifact(stages, curriculum=True).key
-    pair = pipeline.transformer_and_causal(stages)
+    point = grid_search.base_point(stages)
+    beside = grid_search.point_calls(stages, [point])
+    pair = pipeline.transformer_and_causal(stages, beside)
     assert [item.stage for item in pair] == ["transformer", "causal"]
     assert pair[1].key == pipeline.causal_artifact(stages).key
+    assert grid_search.point_artifact(stages, point).from_cache, "made beside them"
 
 
 def test_grid_scores_its_points_on_the_same_windows(stages, capsys, monkeypatch):

@@ -135,9 +135,10 @@ def _wanted_trials(
 ) -> dict[str, tuple[int, dict[str, Any]]]:
     """Round and arguments of every trial, by a name that begins with its chain's."""
     sizes, last = preset.evaluation, chains["wide"]["rounds"]
-    longest, usual = {"steps": sizes.last_round_steps}, {"steps": sizes.planner_steps}
-    hard = {"push_Ns": hard_push_Ns, "steps": sizes.short_steps}
-    wanted = {
+    usual: dict[str, Any] = {"steps": sizes.planner_steps}
+    longest: dict[str, Any] = {"steps": sizes.last_round_steps}
+    hard: dict[str, Any] = {"push_Ns": hard_push_Ns, "steps": sizes.short_steps}
+    wanted: dict[str, tuple[int, dict[str, Any]]] = {
         "wide padded": (last, {"start": "padded", **longest}),
         "wide pushed": (last, {"push_Ns": push_Ns, "steps": sizes.steps}),
         # The model before the rounds is the same with beta and without.

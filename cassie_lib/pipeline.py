@@ -133,8 +133,9 @@ def transformer_and_causal(
         beside: Further calls, computed on the core that the transformer leaves first; see
             :func:`~cassie_lib.artifacts.side_by_side.side_by_side`.
     """
-    calls = [partial(causal_artifact, preset), partial(transformer_artifact, preset), *beside]
-    causal, transformer, *_ = side_by_side(calls)
+    both: list[Callable[[], Artifact]]
+    both = [partial(causal_artifact, preset), partial(transformer_artifact, preset)]
+    causal, transformer, *_ = side_by_side([*both, *beside])
     return [transformer, causal]
 
 

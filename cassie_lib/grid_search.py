@@ -112,9 +112,9 @@ def point_artifact(preset: Preset, point: Point) -> Artifact:
         # Several points train side by side; one alone does not depend on the number of cores.
         with one_torch_thread():
             trained = train_transformer(train, parameters, validation=validation, folder=work)
-        found = open_loop(
-            trained.model, validation, HORIZON, preset.grid.evaluation_windows, context=longest
-        )
+            found = open_loop(
+                trained.model, validation, HORIZON, preset.grid.evaluation_windows, context=longest
+            )
         loss = found.thesis_loss_by_step(parameters.order_weights, "normalised")[0]
         score = {"one_step_loss": float(loss), **found.summary(), "steps": trained.steps}
         write_json(folder / SCORE, score)

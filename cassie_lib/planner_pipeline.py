@@ -24,6 +24,7 @@ from cassie_lib.planning.episodes import PlannedEpisodes
 from cassie_lib.planning.evaluate import Protocol, evaluate
 from cassie_lib.planning.oracle import OracleModel
 from cassie_lib.presets import CEMParameters, Preset, replace
+from cassie_lib.threads import one_torch_thread
 from cassie_lib.walking import run_episodes
 
 PLANNERS = ("cem", "gradient_cem")
@@ -54,7 +55,8 @@ def baselines_artifact(preset: Preset) -> Artifact:
     def compute(folder: Path) -> None:
         found = {}
         for name, artifact in zip(("pi*", "standing still"), upstream, strict=True):
-            recording = run_episodes(load_expert(artifact.path), **protocol)
+            with one_torch_thread():
+                recording = run_episodes(load_expert(artifact.path), **protocol)
             found[name] = {
                 "reward": float(np.nanmean(recording.reward)),
                 "falls": int(recording.fell.sum()),

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import torch
 
-from cassie_lib import grid_search, paths, pipeline
+from cassie_lib import grid_search, paths, pipeline, planner_pipeline
 from cassie_lib import transformer_claims as claims
 from cassie_lib.artifacts import recompute
 from cassie_lib.controllers import Observation
 from cassie_lib.data import open_dataset
 from cassie_lib.dynamics.store import load_model
 from cassie_lib.errors import ArtifactError, ParameterError, UnknownNameError
+from cassie_lib.planning import evaluate
 from cassie_lib.plots import expert as expert_plots
 from cassie_lib.plots import transformer as curves
 from cassie_lib.presets import replace
@@ -164,25 +165,35 @@ class ReachedError(Exception):
     """A training would begin."""
 
 
-@pytest.mark.parametrize("kind", ["mlp", "transformer", "causal", "grid"])
-def test_weights_do_not_depend_on_the_number_of_cores(kind, stages, monkeypatch):
-    module, name = (pipeline, f"train_{kind}")
-    if kind == "grid":
-        module, name = grid_search, "train_transformer"
-    make = {
-        "mlp": pipeline.mlp_artifact,
-        "transformer": pipeline.transformer_artifact,
-        "causal": pipeline.causal_artifact,
-        "grid": lambda preset: grid_search.score_table(preset, grid_search.grid_points(preset)[:1]),
-    }[kind]
+def one_point(preset):
+    return grid_search.score_table(preset, grid_search.grid_points(preset)[:1])
 
-    def train(*arguments, **options):
+
+#: What decides a result's bits on the way: module, function, who calls it.
+DECIDING = {
+    "mlp": (pipeline, "train_mlp", pipeline.mlp_artifact),
+    "transformer": (pipeline, "train_transformer", pipeline.transformer_artifact),
+    "causal": (pipeline, "train_causal", pipeline.causal_artifact),
+    "grid: training": (grid_search, "train_transformer", one_point),
+    "grid: score": (grid_search, "open_loop", one_point),
+    "trial": (evaluate, "run_protocol", lambda p: planner_pipeline.planner_trial(p, "cem")),
+    "baselines": (planner_pipeline, "run_episodes", planner_pipeline.baselines_artifact),
+}
+
+
+@pytest.mark.parametrize("kind", DECIDING)
+def test_results_do_not_depend_on_the_number_of_cores(kind, stages, monkeypatch):
+    module, name, make = DECIDING[kind]
+
+    def reached(*arguments, **options):
         raise ReachedError(torch.get_num_threads())
 
     for data in pipeline.DATASETS:
         pipeline.dataset_artifact(stages, data)
-    monkeypatch.setattr(module, name, train)
-    monkeypatch.setenv(recompute.REQUEST, "mlp,transformer,causal,prediction")
+    pipeline.causal_artifact(stages)
+    pipeline.reward_only_artifact(stages)
+    monkeypatch.setattr(module, name, reached)
+    monkeypatch.setenv(recompute.REQUEST, "mlp,transformer,causal,prediction,cem,walking")
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:

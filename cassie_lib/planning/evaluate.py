@@ -19,6 +19,7 @@ from cassie_lib.planning.episodes import (
 )
 from cassie_lib.presets import CEMParameters
 from cassie_lib.simulator import S0_SPEED_MPS
+from cassie_lib.threads import one_torch_thread
 from cassie_lib.walking import Push
 
 STARTS = ("handover", "padded")
@@ -119,7 +120,10 @@ def evaluate(
     }
 
     def compute(folder: Path) -> None:
-        save_episodes(folder / EPISODES, run_protocol(protocol, model, parameters, expert))
+        # The expert's share of an episode, too, must not depend on the number of cores.
+        with one_torch_thread():
+            episodes = run_protocol(protocol, model, parameters, expert)
+        save_episodes(folder / EPISODES, episodes)
 
     artifact = load_or_compute(
         stage, recipe, compute, upstream, preset=preset, seed=protocol.seed, kept=True

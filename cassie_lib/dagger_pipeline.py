@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from cassie_lib import pipeline
 from cassie_lib.artifacts.side_by_side import side_by_side
 from cassie_lib.dagger import Round, Start, dagger_rounds
+from cassie_lib.errors import ParameterError
 from cassie_lib.planner_pipeline import Trial, causal_model, planner_trial
 from cassie_lib.presets import Preset, replace
 
@@ -76,6 +77,14 @@ class RoundTrials(NamedTuple):
     harder: dict[int, Trial]
 
 
+class _Wanted(NamedTuple):
+    """One of those trials: chain of rounds, what is special about it, round (0: before all)."""
+
+    chain: str
+    kind: str
+    round: int
+
+
 class DaggerRuns(NamedTuple):
     """What notebook 08 shows.
 
@@ -110,21 +119,28 @@ def dagger_runs(
         decay: beta.
         push_Ns: Sideways push in N s.
         hard_push_Ns: One that the planner hardly survives.
+
+    Raises:
+        ParameterError: If more rounds are asked for than the preset's schedule has.
     """
+    schedule = len(preset.dagger.schedule)
+    for name, count in (("narrow_rounds", narrow_rounds), ("decayed_rounds", decayed_rounds)):
+        if not 1 <= count <= schedule:
+            raise ParameterError(f"{name} is {count}: expected 1 to {schedule}, of the schedule")
     chains: dict[str, dict[str, Any]] = {
-        "wide": {"rounds": len(preset.dagger.schedule)},
+        "wide": {"rounds": schedule},
         "narrow": {"rounds": narrow_rounds, "wide": False},
         "decayed": {"rounds": decayed_rounds, "wide": False, "decay": decay},
     }
     wanted = _wanted_trials(preset, chains, push_Ns, hard_push_Ns)
     calls: list[Callable[[], Any]] = [partial(dagger, preset, **made) for made in chains.values()]
     calls += [
-        partial(_trial_after, preset, chains[name.split()[0]], index, options)
-        for name, (index, options) in wanted.items()
+        partial(_trial_after, preset, chains[item.chain], item.round, options)
+        for item, options in wanted.items()
     ]
     # The rounds first: a trial whose round another process still trains waits for it.
     costs = [float("inf")] * len(chains)
-    costs += [float(options["steps"]) for _, options in wanted.values()]
+    costs += [float(options["steps"]) for options in wanted.values()]
     wide, narrow, decayed, *tried = side_by_side(calls, costs)
     found = dict(zip(wanted, tried, strict=True))
     return DaggerRuns(wide, narrow, decayed, _by_chain(found, chains))
@@ -132,25 +148,24 @@ def dagger_runs(
 
 def _wanted_trials(
     preset: Preset, chains: dict[str, dict[str, Any]], push_Ns: float, hard_push_Ns: float
-) -> dict[str, tuple[int, dict[str, Any]]]:
-    """Round and arguments of every trial, by a name that begins with its chain's."""
+) -> dict[_Wanted, dict[str, Any]]:
+    """Arguments of every trial."""
     sizes, last = preset.evaluation, chains["wide"]["rounds"]
     usual: dict[str, Any] = {"steps": sizes.planner_steps}
     longest: dict[str, Any] = {"steps": sizes.last_round_steps}
     hard: dict[str, Any] = {"push_Ns": hard_push_Ns, "steps": sizes.short_steps}
-    wanted: dict[str, tuple[int, dict[str, Any]]] = {
-        "wide padded": (last, {"start": "padded", **longest}),
-        "wide pushed": (last, {"push_Ns": push_Ns, "steps": sizes.steps}),
-        # The model before the rounds is the same with beta and without.
-        "narrow 0": (0, usual),
+    wanted: dict[_Wanted, dict[str, Any]] = {
+        _Wanted("wide", "padded", last): {"start": "padded", **longest},
+        _Wanted("wide", "pushed", last): {"push_Ns": push_Ns, "steps": sizes.steps},
     }
     for index in range(last + 1):
-        wanted[f"wide {index}"] = (index, longest if index == last else usual)
+        wanted[_Wanted("wide", "plain", index)] = longest if index == last else usual
         if index != 1:
-            wanted[f"wide harder {index}"] = (index, hard)
-    for name in ("narrow", "decayed"):
-        for index in range(1, chains[name]["rounds"] + 1):
-            wanted[f"{name} {index}"] = (index, usual)
+            wanted[_Wanted("wide", "harder", index)] = hard
+    # The model before the rounds is the same with beta and without.
+    for name, first in (("narrow", 0), ("decayed", 1)):
+        for index in range(first, chains[name]["rounds"] + 1):
+            wanted[_Wanted(name, "plain", index)] = usual
     return wanted
 
 
@@ -161,19 +176,17 @@ def _trial_after(preset: Preset, chain: dict[str, Any], index: int, options: dic
     return planner_trial(preset, "gradient_cem", after=after, wide=wide, **options)
 
 
-def _by_chain(found: dict[str, Trial], chains: dict[str, dict[str, Any]]) -> RoundTrials:
-    def in_order(name: str, before: str) -> list[Trial]:
-        after = [found[f"{name} {index}"] for index in range(1, chains[name]["rounds"] + 1)]
-        return [found[f"{before} 0"], *after]
+def _by_chain(found: dict[_Wanted, Trial], chains: dict[str, dict[str, Any]]) -> RoundTrials:
+    def plain(name: str) -> list[Trial]:
+        return [trial for item, trial in found.items() if item[:2] == (name, "plain")]
 
+    last, narrow = chains["wide"]["rounds"], plain("narrow")
     return RoundTrials(
-        in_order("wide", "wide"),
-        in_order("narrow", "narrow"),
-        in_order("decayed", "narrow"),
-        found["wide padded"],
-        found["wide pushed"],
-        {int(k.split()[2]): trial for k, trial in found.items() if k.startswith("wide harder")},
-    )
+        plain("wide"), narrow, [narrow[0], *plain("decayed")],
+        found[_Wanted("wide", "padded", last)],
+        found[_Wanted("wide", "pushed", last)],
+        {item.round: trial for item, trial in found.items() if item.kind == "harder"},
+    )  # fmt: skip
 
 
 __all__ = ["DaggerRuns", "RoundTrials", "dagger", "dagger_runs", "dagger_start"]

@@ -10,6 +10,7 @@ from typing import Any
 
 from cassie_lib.artifacts import Artifact, Upstream
 from cassie_lib.artifacts.ledger import from_nothing_s
+from cassie_lib.artifacts.loading import computed
 from cassie_lib.code_version import git_commit, library_versions, lock_hash
 from cassie_lib.errors import ParameterError
 
@@ -88,10 +89,10 @@ class Provenance:
             parts.append("changed " + ", ".join(f"{k}={v}" for k, v in self.changed.items()))
         if self.seeds:
             parts.append(f"seeds {_ranges(self.seeds)}")
-        cached = [item.name for item in self.artifacts if item.from_cache]
-        computed = [item.name for item in self.artifacts if not item.from_cache]
-        if computed:
-            parts.append("recomputed " + ", ".join(computed))
+        cached = [item.name for item in self.artifacts if _from_cache(item)]
+        made = [item.name for item in self.artifacts if not _from_cache(item)]
+        if made:
+            parts.append("recomputed " + ", ".join(made))
         if cached:
             parts.append("from cache " + ", ".join(cached))
         parts += [f"commit {self.commit}", f"lock {self.lock}"]
@@ -119,12 +120,17 @@ class Provenance:
 _SMOKE = {"smoke": " (a test run: its numbers mean nothing)"}
 
 
+def _from_cache(item: Artifact) -> bool:
+    """False also when another process of this run has computed it."""
+    return item.from_cache and item.name not in computed()
+
+
 def _artifact_record(item: Artifact) -> dict[str, Any]:
     return {
         "name": item.name,
         "key": item.key,
         "digest": item.digest,
-        "from_cache": item.from_cache,
+        "from_cache": _from_cache(item),
         "wall_time_s": item.wall_time_s,
         "commit": item.manifest["commit"],
     }

@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import time
 
 import pytest
 from artifact_toys import DAMAGES, Counted, damage_flip, make
 
 from cassie_lib import paths
-from cassie_lib.artifacts import recompute
+from cassie_lib.artifacts import manifest, recompute
 from cassie_lib.errors import ArtifactError
+from cassie_lib.files import sha256_file
 
 pytestmark = pytest.mark.usefixtures("artifact_folders")
 
 
+def settle(artifact, age_s=60):
+    """As if its files had been written a while ago."""
+    then = time.time() - age_s
+    for path in artifact.path.rglob("*"):
+        os.utime(path, (then, then))
+
+
+@pytest.mark.parametrize("loaded_before", [False, True])
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("name", ["weights.bin", "sub/log.csv", "timing.csv", "manifest.json"])
-def test_any_damage_is_named_and_never_used_or_deleted(name, damage):
+def test_any_damage_is_named_and_never_used_or_deleted(name, damage, loaded_before):
     compute = Counted()
     artifact = make(compute=compute)
+    if loaded_before:
+        settle(artifact)
+        assert make(compute=compute).from_cache
     damage(artifact.path / name)
     before = sorted(path.name for path in artifact.path.rglob("*"))
     with pytest.raises(ArtifactError, match=r"is damaged: .*make figures RECOMPUTE=data") as error:
@@ -36,9 +50,9 @@ def test_any_damage_is_named_and_never_used_or_deleted(name, damage):
 def test_an_edited_manifest_is_refused(field):
     artifact = make()
     file = artifact.path / "manifest.json"
-    manifest = json.loads(file.read_text())
-    manifest[field] = {"size": 9} if isinstance(manifest[field], dict) else "0" * 64
-    file.write_text(json.dumps(manifest))
+    found = json.loads(file.read_text())
+    found[field] = {"size": 9} if isinstance(found[field], dict) else "0" * 64
+    file.write_text(json.dumps(found))
     with pytest.raises(ArtifactError, match=r"manifest\.json"):
         make()
 
@@ -60,6 +74,22 @@ def test_an_unlisted_file_is_refused_and_a_hidden_one_is_not():
         make()
     with pytest.raises(ArtifactError, match=r"no file 'x': it has .*weights\.bin"):
         artifact.file("x")
+
+
+def test_files_that_have_not_changed_are_read_once_by_a_process(monkeypatch):
+    artifact, read = make(), []
+
+    def sha256(path):
+        read.append(path.name)
+        return sha256_file(path)
+
+    monkeypatch.setattr(manifest, "sha256_file", sha256)
+    make(), make()
+    assert len(read) == 2 * len(artifact.manifest["files"]), "written just now: read each time"
+    settle(artifact)
+    read.clear()
+    make(), make()
+    assert sorted(read) == sorted(name.split("/")[-1] for name in artifact.manifest["files"])
 
 
 def test_recompute_replaces_a_damaged_artifact_once(monkeypatch):

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cassie_lib import dagger_pipeline, pipeline
+from cassie_lib import dagger_pipeline, figures, paths, pipeline
+from cassie_lib.artifacts import recompute
+from cassie_lib.artifacts.side_by_side import PROCESSES
+from cassie_lib.errors import ParameterError
+from cassie_lib.presets import replace
 
 
 @pytest.fixture
@@ -91,6 +96,13 @@ def test_one_round_is_run_and_found_again(stages):
     assert decayed.artifact.key != found.artifact.key
 
 
+@pytest.mark.parametrize("count", [0, 3])
+def test_more_rounds_than_the_schedule_has_are_refused_before_any_work(stages, asked, count):
+    with pytest.raises(ParameterError, match=f"narrow_rounds is {count}: expected 1 to 2"):
+        runs(stages, narrow_rounds=count)
+    assert not asked
+
+
 def test_runs_of_the_notebook_are_those_asked_for_one_by_one(stages, asked):
     found = runs(stages)
     assert [item.index for item in found.wide] == [1, 2]
@@ -103,3 +115,31 @@ def test_runs_of_the_notebook_are_those_asked_for_one_by_one(stages, asked):
     assert len(keys) == 3
     longest = max(asked, key=lambda item: item.protocol.steps)
     assert longest.upstream[1].key == found.wide[-1].artifact.key
+
+
+def test_rounds_models_and_trials_of_two_processes_are_those_of_one_bit_for_bit(
+    stages, monkeypatch
+):
+    """Each process waits for what the other one trains; nothing is made twice."""
+    short = dict.fromkeys(("planner_steps", "last_round_steps", "short_steps", "steps"), 16)
+    preset = replace(stages, evaluation=replace(stages.evaluation, **short))
+
+    def artifacts():
+        transformer, causal = pipeline.transformer_and_causal(preset)
+        found = runs(preset)
+        rounds = [item for chain in found[:3] for item in chain]
+        trials = [*found.trials.wide, *found.trials.decayed, found.trials.padded]
+        return [transformer, causal, *(item.artifact for item in (*rounds, *trials))]
+
+    alone = {item.name: item for item in artifacts()}
+    monkeypatch.setenv("CASSIE_CACHE", str(paths.CACHE))
+    monkeypatch.setenv(PROCESSES, "2")
+    monkeypatch.setenv(recompute.REQUEST, "transformer,causal,dagger,gradient_cem")
+    monkeypatch.setenv(recompute.SINCE, repr(time.time()))
+    again = artifacts()
+    assert {item.name for item in again} == set(alone)
+    for item in again:
+        before = alone[item.name].manifest["finished_unix_s"]
+        assert item.manifest["finished_unix_s"] > before, item.name
+        assert item.digest == alone[item.name].digest, item.name
+    assert "from cache" not in figures.Provenance.of("smoke", 0, again).line()

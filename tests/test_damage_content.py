@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 
 import numpy as np
 import pytest
@@ -68,16 +67,26 @@ def field(name, change):
     return edit
 
 
-def episodes(change):
-    """Change the arrays of a planner's episodes."""
+def arrays(name, change):
+    """Change the arrays of an archive."""
 
     def edit(folder):
-        with np.load(folder / "episodes.npz") as stored:
-            arrays = dict(stored)
-        change(arrays)
-        np.savez_compressed(folder / "episodes.npz", **arrays)
+        with np.load(folder / name) as stored:
+            found = dict(stored)
+        change(found)
+        np.savez_compressed(folder / name, **found)
 
     return edit
+
+
+def episodes(change):
+    """Change the arrays of a planner's episodes."""
+    return arrays("episodes.npz", change)
+
+
+def transitions(change):
+    """Change the arrays of what a round of DAgger has collected."""
+    return arrays("transitions.npz", change)
 
 
 def first(tensors, value):
@@ -191,11 +200,16 @@ CASES = {
         NonFiniteError, "model.safetensors holds NaN"),
     "dagger: a fully connected model": (
         "dagger", in_folder("model", card(kind="mlp")), CheckpointError, "expected causal"),
-    "dagger: data of another format": (
-        "dagger", in_folder("data", lambda f: reseal(f, lambda c: c.update(format="x"))),
-        DataError, "data has format x"),
-    "dagger: no data": (
-        "dagger", lambda f: shutil.rmtree(f / "data"), DataError, "card.json is missing"),
+    "dagger: no archive": (
+        "dagger", text("transitions.npz", "rows"), ArtifactError, "holds no transitions"),
+    "dagger: an array is missing": (
+        "dagger", transitions(lambda a: a.pop("phase")), ArtifactError, "phase"),
+    "dagger: states of another schema": (
+        "dagger", transitions(lambda a: a.update(states=a["states"][:, :46])),
+        ArtifactError, r"states .*46"),
+    "dagger: actions of fewer steps": (
+        "dagger", transitions(lambda a: a.update(actions=a["actions"][:-1])),
+        ArtifactError, "actions"),
 }  # fmt: skip
 
 

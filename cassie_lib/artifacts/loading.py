@@ -1,13 +1,15 @@
-"""Asking for a result only if it is stored."""
+"""Asking for a result only if it is stored, and what a run has computed itself."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
 from cassie_lib.errors import ArtifactError
 
+#: Names of the artifacts that this process and those that it began have computed.
+_COMPUTED: set[str] = set()
 _LOADING_ONLY = ContextVar("_LOADING_ONLY", default=False)
 
 
@@ -35,4 +37,14 @@ def check_may_compute(name: str) -> None:
         raise NotStoredError(f"{name} is not stored: expected a result that can be loaded")
 
 
-__all__ = ["NotStoredError", "check_may_compute", "loading_only"]
+def note_computed(names: Iterable[str]) -> None:
+    """Remember artifacts as computed in this run, by this process or by one that it began."""
+    _COMPUTED.update(names)
+
+
+def computed() -> frozenset[str]:
+    """Names of all artifacts that were computed in this run."""
+    return frozenset(_COMPUTED)
+
+
+__all__ = ["NotStoredError", "check_may_compute", "computed", "loading_only", "note_computed"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,10 @@ MANIFEST = "manifest.json"
 TIMING = "timing"
 #: Folder inside the work folder for a stage's checkpoints; it is removed at the end.
 WORK = "work"
+#: Folders whose files this process has compared, with what they looked like then.
+_COMPARED: dict[Path, tuple] = {}
+#: More than the step of any file system's clock.
+_SETTLED_NS = 2_000_000_000
 
 
 @dataclass(frozen=True)
@@ -83,13 +88,20 @@ class Artifact:
 
 def list_files(folder: Path) -> dict[str, dict[str, Any]]:
     """SHA-256 and size in bytes of every file but hidden ones, checkpoints and the manifest."""
+    return {
+        name: {"sha256": sha256_file(path), "bytes": path.stat().st_size}
+        for name, path in _content(folder).items()
+    }
+
+
+def _content(folder: Path) -> dict[str, Path]:
+    """Files but hidden ones, checkpoints and the manifest, by path below the folder."""
     found = {}
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
-        name = "/".join(parts)
         skipped = parts[0] in (WORK, MANIFEST) or any(part.startswith(".") for part in parts)
         if path.is_file() and not skipped:
-            found[name] = {"sha256": sha256_file(path), "bytes": path.stat().st_size}
+            found["/".join(parts)] = path
     return found
 
 
@@ -145,10 +157,16 @@ def read_manifest(folder: Path, name: str = "") -> dict[str, Any]:
 def check_files(folder: Path, manifest: dict[str, Any]) -> None:
     """Compare every file with the manifest.
 
+    A notebook asks for the same data sets many times over.  Files that this process has compared
+    already are not read again as long as none has another size or time of change.
+
     Raises:
         ArtifactError: If a file is missing, changed, cut or not listed; it is named.
     """
     expected = manifest["files"]
+    looks = (seal(manifest), _looks(folder))
+    if _COMPARED.get(folder.absolute()) == looks:
+        return
     for name, facts in expected.items():
         path = folder / name
         if not path.is_file():
@@ -158,9 +176,18 @@ def check_files(folder: Path, manifest: dict[str, Any]) -> None:
             raise damaged(folder, f"{name} has {size} bytes, expected {facts['bytes']}")
         if sha256_file(path) != facts["sha256"]:
             raise damaged(folder, f"{name} has another SHA-256 than when it was written")
-    extra = sorted(set(list_files(folder)) - set(expected))
+    extra = sorted(set(_content(folder)) - set(expected))
     if extra:
         raise damaged(folder, f"{extra[0]} is not in {MANIFEST}")
+    # A file that was written just now can change again without another time of change.
+    if all(time.time_ns() - changed > _SETTLED_NS for *_, changed in looks[1]):
+        _COMPARED[folder.absolute()] = looks
+
+
+def _looks(folder: Path) -> tuple[tuple[str, int, int, int], ...]:
+    """What changes with a file, of every file: name, inode, size, time of change (ns)."""
+    facts = {name: path.stat() for name, path in _content(folder).items()}
+    return tuple((n, f.st_ino, f.st_size, f.st_mtime_ns) for n, f in facts.items())
 
 
 def code_notice(manifest: dict[str, Any]) -> tuple[str, ...]:

@@ -1,8 +1,9 @@
 """Results that do not need each other, computed in several processes.
 
-A planner makes many small products one after another and uses one core; the trials of a notebook
-do not depend on each other.  ``CASSIE_PROCESSES`` says how many are run at a time.  The batch
-runner sets it to the number of cores; where it is unset, one after another is computed.
+Models are trained and planners run on one core each, so that the number of cores does not change
+their bits; most results of a notebook do not depend on each other.  ``CASSIE_PROCESSES`` says how
+many are computed at a time.  The batch runner sets it to the number of cores; where it is unset,
+one after another is computed.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
-from cassie_lib.artifacts.loading import NotStoredError, loading_only
+from cassie_lib.artifacts.loading import NotStoredError, computed, loading_only, note_computed
 from cassie_lib.artifacts.recompute import share_request
 from cassie_lib.errors import ArtifactError, ParameterError
 
@@ -82,7 +83,7 @@ def _compute(calls: list[Callable[[], object]], processes: int) -> None:
     try:
         futures = [pool.submit(_run, call) for call in calls]
         for future in wait(futures, return_when=FIRST_EXCEPTION).done:
-            future.result()
+            note_computed(future.result())
     except BrokenProcessPool:
         raise ArtifactError(
             f"one of {processes} processes was killed, perhaps for want of memory: "
@@ -93,9 +94,10 @@ def _compute(calls: list[Callable[[], object]], processes: int) -> None:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _run(call: Callable[[], object]) -> None:
-    """Runs in a process of its own: the result stays in the store and is not sent back."""
+def _run(call: Callable[[], object]) -> frozenset[str]:
+    """Runs in a process of its own: the result stays in the store, its name is sent back."""
     call()
+    return computed()
 
 
 def _begin_process() -> None:

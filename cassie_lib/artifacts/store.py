@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from cassie_lib import paths
-from cassie_lib.artifacts.loading import check_may_compute
+from cassie_lib.artifacts.loading import check_may_compute, note_computed
 from cassie_lib.artifacts.manifest import (
     MANIFEST,
     WORK,
@@ -212,6 +212,7 @@ def _compute(
     write_json(work / MANIFEST, manifest)
     _move_into_place(work, final)
     note_time(final.name, manifest, anew=since > 0)
+    note_computed([final.name])
     return Artifact(stage, key, final, manifest, False, tuple(manifest["notice"]))
 
 

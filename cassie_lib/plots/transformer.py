@@ -100,7 +100,7 @@ def plot_state_prediction(
                      label=f"the thesis's {name}, {value:g}")  # fmt: skip
     mark_increments(axes, thesis)
     add_epochs(axes, thesis)
-    axes.set(yscale="log", xlabel="training time (min, 2 cores)", ylabel="Eq 3.6, raw units")
+    axes.set(yscale="log", xlabel="training time (min, 1 core)", ylabel="Eq 3.6, raw units")
     figure.legend(loc="outside lower center", ncols=3)
     return figure, table
 
@@ -123,7 +123,7 @@ def plot_penalised(log: Log) -> Drawn:
         table[metric] = curve._asdict()
     mark_increments(axes, log)
     add_epochs(axes, log)
-    axes.set(yscale="log", xlabel="training time (min, 2 cores)", ylabel="loss (normalised)")
+    axes.set(yscale="log", xlabel="training time (min, 1 core)", ylabel="loss (normalised)")
     figure.legend(loc="outside lower center", ncols=3)
     return figure, table
 
@@ -149,7 +149,7 @@ def plot_steps(thesis: Log, causal: Log, name: str) -> Drawn:
                 axes.plot(curve.minutes, curve.value, color=shade, linestyle="-", linewidth=1.0,
                           marker="." if len(curve.value) == 1 else None)  # fmt: skip
                 table[f"{label}, step {step}"] = curve._asdict()
-        axes.set(yscale="log", xlabel="training time (min, 2 cores)", title=label)
+        axes.set(yscale="log", xlabel="training time (min, 1 core)", title=label)
     mark_increments(panels[0], thesis)
     panels[0].set_ylabel(f"{name}, summand of Eq 3.6, raw units")
     scale = plt.cm.ScalarMappable(plt.Normalize(steps[0], max(steps[-1], 2)), "viridis")

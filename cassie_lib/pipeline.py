@@ -100,7 +100,8 @@ def causal_artifact(preset: Preset, *, wide: bool = True) -> Artifact:
     Args:
         preset: The preset.
         wide: Trained on the thesis's training set and on the wide one.  False: on the thesis's
-            alone, which holds little but the expert's walk; with the preset's smaller budget.
+            alone, which holds little but the expert's walk; sizes and budget are then those of
+            the preset's ``narrow_causal``.
     """
     sources = ("train", "wide") if wide else ("train",)
     names = (*sources, "validation")
@@ -130,8 +131,8 @@ def transformer_and_causal(
 
     Args:
         preset: The preset.
-        beside: Further calls, computed on the core that the transformer leaves first; see
-            :func:`~cassie_lib.artifacts.side_by_side.side_by_side`.
+        beside: Further calls for :func:`~cassie_lib.artifacts.side_by_side.side_by_side`; they
+            fill the core that is free until the longer of the two trainings ends.
     """
     both: list[Callable[[], Artifact]]
     both = [partial(causal_artifact, preset), partial(transformer_artifact, preset)]

@@ -22,7 +22,7 @@ class MLPParameters:
     patience: int = 4  # epochs
     slope: float = 0.05
     checkpoint_seconds: float = 60.0
-    max_minutes: float = 0.0  # 0: no limit
+    max_minutes: float = 0.0  # 0: no limit, and the same bits every time
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -60,7 +60,7 @@ class TransformerParameters:
     change_percent: float = 5.0  # psi
     validation_windows: int = 0  # windows per epoch of validation and test; 0: all of them
     checkpoint_seconds: float = 60.0
-    max_minutes: float = 0.0  # 0: no limit
+    max_minutes: float = 0.0  # 0: no limit, and the same bits every time
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -13,7 +13,8 @@ import psutil
 import torch
 from pipeline_toys import TINY
 
-from cassie_lib import artifacts, paths, pipeline
+from cassie_lib import artifacts, paths, pipeline, planner_pipeline
+from cassie_lib.planning import resume
 from cassie_lib.presets import CollectionParameters, replace
 
 _SET = CollectionParameters("train", 960, 0.06, seed=1, episode_steps=20, robots=4)
@@ -28,6 +29,7 @@ STAGES = {
     "causal": lambda: pipeline.causal_artifact(
         replace(TINY, causal=replace(TINY.causal, steps=60, dropout=0.1))
     ),
+    "gradient_cem": lambda: planner_pipeline.planner_trial(TINY, "gradient_cem").artifact,
 }
 
 
@@ -35,6 +37,7 @@ def run(stage, cache):
     """Compute a stage, or go on with it; called in processes of their own, too."""
     paths.CACHE, paths.DATA = cache, cache / "none"
     torch.set_num_threads(1)
+    resume.SAVE_EVERY_S = 0.0
     return STAGES[stage]()
 
 

@@ -63,7 +63,7 @@ def test_versions_with_the_same_bits_are_those_of_today():
 
 #: Modules that no result depends on: parameters are part of the recipe, the others store and tell.
 STOREKEEPING = {"errors", "paths", "files", "logs", "checkpoints", "artifacts", "presets",
-                "simulator_checks", "walking_report"}  # fmt: skip
+                "simulator_checks", "walking_report", "planning/resume"}  # fmt: skip
 #: Training reads arrays: what ``data`` needs to collect them has no part in it.
 COLLECTING = {"controllers", "simulator", "robot/state", "dynamics/adjoint"}
 #: The expert is upstream of what DAgger does, by its bits.

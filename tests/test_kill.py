@@ -32,7 +32,7 @@ def upstream(offline_run, artifact_folders):
     """Makes caches that hold what the stages are computed from."""
 
     def make(folder):
-        for kind in ("expert", "data"):
+        for kind in ("expert", "data", "causal"):
             for path in offline_run.cache.glob(f"{kind}-????????????"):
                 shutil.copytree(path, folder / path.name)
         return folder

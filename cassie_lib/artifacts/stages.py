@@ -43,6 +43,8 @@ _PLANNING = (*_WALKING, "threads", "dynamics", "planning")
 _LEARNING = ("robot/schema", "data", "dynamics")
 #: The fast rollout of a model whose weights are fixed: planners use it, training does not.
 _FROZEN = ("dynamics/adjoint.py", "dynamics/adjoint_layers.py")
+#: Lets killed episodes go on; they end with the bits that they would have had.
+_RESUME = ("planning/resume.py",)
 
 #: Raise a version here when a stage's results change; see :class:`Stage`.
 STAGES = {
@@ -53,9 +55,9 @@ STAGES = {
     "transformer": Stage(1, _LEARNING, _FROZEN, by_content=True),
     "causal": Stage(1, _LEARNING, _FROZEN, by_content=True),
     "prediction": Stage(2, _LEARNING, _FROZEN),
-    "cem": Stage(1, _PLANNING),
-    "gradient_cem": Stage(1, _PLANNING),
-    "dagger": Stage(1, (*_PLANNING, "data", "dagger"), by_content=True),
+    "cem": Stage(1, _PLANNING, _RESUME),
+    "gradient_cem": Stage(1, _PLANNING, _RESUME),
+    "dagger": Stage(1, (*_PLANNING, "data", "dagger"), _RESUME, by_content=True),
 }
 
 

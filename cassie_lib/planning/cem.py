@@ -8,6 +8,7 @@ refits mean and covariance; one last round draws N more and executes the best (A
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -100,6 +101,17 @@ class CEM:
         self._last[which] = 0.0
         if self._elites is not None:
             self._elites[which] = 0.0
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the next plans depend on besides their history: random numbers, earlier plans."""
+        generators = [generator.get_state() for generator in self._generators]
+        return {"generators": generators, "last": self._last, "elites": self._elites}
+
+    def load_state_dict(self, saved: dict[str, Any]) -> None:
+        """Return to a :meth:`state_dict` of as many episodes."""
+        for generator, state in zip(self._generators, saved["generators"], strict=True):
+            generator.set_state(state)
+        self._last, self._elites = saved["last"], saved["elites"]
 
     def plan(self, history, phase, lateral_m, episodes=None) -> Plan:
         """Plan for E episodes at once.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -79,6 +79,17 @@ class Context:
     def did(self, actions: torch.Tensor) -> None:
         """Append the actions ``(N, 10)`` applied to them."""
         self._actions.append(actions)
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that is known of the past, oldest first."""
+        return {"states": list(self._states), "actions": list(self._actions)}
+
+    def load_state_dict(self, saved: dict[str, Any]) -> None:
+        """Return to a :meth:`state_dict`."""
+        self._states.clear()
+        self._states.extend(saved["states"])
+        self._actions.clear()
+        self._actions.extend(saved["actions"])
 
     def history(self, observation, robots: np.ndarray) -> History:
         """History of some of the robots; the last state is now."""
@@ -167,11 +178,23 @@ class PlannerController:
         """What is done of the actions ``(N, 10)`` that were chosen: here, all of it."""
         return actions
 
+    def state_dict(self) -> dict[str, Any]:
+        """Log and context, for a checkpoint; what planner and expert remember is their own."""
+        rows = {name: torch.as_tensor(column) for name, column in self._columns().items()}
+        return {"rows": rows, "context": self._context.state_dict()}
+
+    def load_state_dict(self, saved: dict[str, Any]) -> None:
+        """Return to a :meth:`state_dict` of as many robots."""
+        columns = [saved["rows"][name].numpy() for name in _Row._fields]
+        self._rows = [_Row(float(row[0]), *row[1:]) for row in zip(*columns, strict=True)]
+        self._context.load_state_dict(saved["context"])
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        return {name: np.array([getattr(row, name) for row in self._rows]) for name in _Row._fields}
+
     def log(self) -> PlanLog:
         """Everything noted since the last :meth:`reset`."""
-        columns = {
-            name: np.array([getattr(row, name) for row in self._rows]) for name in _Row._fields
-        }
+        columns = self._columns()
         horizon = self.planner.horizon
         realised = realised_return(
             columns["stage_reward"], horizon, self.planner.objective.discount

@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cassie_lib.artifacts import Artifact, load_or_compute
+from cassie_lib.artifacts import WORK, Artifact, load_or_compute
 from cassie_lib.dynamics.model import DynamicsModel
 from cassie_lib.errors import ParameterError, unknown_name
+from cassie_lib.files import canonical_json, plain
 from cassie_lib.planning.assemble import make_planner
 from cassie_lib.planning.control import PlannerController
 from cassie_lib.planning.episodes import (
@@ -17,6 +18,7 @@ from cassie_lib.planning.episodes import (
     plan_episodes,
     save_episodes,
 )
+from cassie_lib.planning.resume import ResumableController
 from cassie_lib.presets import CEMParameters
 from cassie_lib.simulator import S0_SPEED_MPS
 from cassie_lib.threads import one_torch_thread
@@ -55,7 +57,11 @@ class Protocol:
 
 
 def run_protocol(
-    protocol: Protocol, model: DynamicsModel, parameters: CEMParameters, expert=None
+    protocol: Protocol,
+    model: DynamicsModel,
+    parameters: CEMParameters,
+    expert=None,
+    checkpoint: tuple[Path, str] | None = None,
 ) -> PlannedEpisodes:
     """Run planner episodes.
 
@@ -64,8 +70,11 @@ def run_protocol(
         model: Learned model or oracle.
         parameters: A preset's ``cem`` or ``gradient_cem``.
         expert: :class:`cassie_lib.expert.policy.Expert`; not needed for a padded start.
+        checkpoint: Folder in which killed episodes leave what they need to go on, and what must
+            agree for that; default none.
 
     Raises:
+        CheckpointError: If the checkpoint is damaged or of other episodes.
         UnknownNameError: If the start is not one of the two.
         ParameterError: If a hand-over is wanted and there is no expert.
     """
@@ -76,8 +85,11 @@ def run_protocol(
     planner = make_planner(model, parameters, expert=expert, speed_mps=protocol.speed_mps)
     driver = expert if protocol.start == "handover" else None
     push = Push(protocol.push_step, (0.0, protocol.push_Ns, 0.0)) if protocol.push_Ns else None
+    controller = PlannerController(planner, driver)
+    if checkpoint is not None:
+        controller = ResumableController(planner, driver, *checkpoint)
     return plan_episodes(
-        PlannerController(planner, driver),
+        controller,
         episodes=protocol.episodes,
         steps=protocol.steps,
         speed_mps=protocol.speed_mps,
@@ -120,9 +132,10 @@ def evaluate(
     }
 
     def compute(folder: Path) -> None:
+        checkpoint = folder / WORK, canonical_json(plain(recipe))
         # The expert's share of an episode, too, must not depend on the number of cores.
         with one_torch_thread():
-            episodes = run_protocol(protocol, model, parameters, expert)
+            episodes = run_protocol(protocol, model, parameters, expert, checkpoint)
         save_episodes(folder / EPISODES, episodes)
 
     artifact = load_or_compute(

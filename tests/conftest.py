@@ -22,6 +22,17 @@ def artifact_folders(tmp_path, monkeypatch):
     monkeypatch.setattr(recompute, "_process_since", [])
 
 
+@pytest.fixture
+def figure_folders(tmp_path, monkeypatch):
+    """Empty folders for figures and records, of a run with the parameters as they are."""
+    from cassie_lib import paths
+    from cassie_lib.provenance import CHANGED
+
+    for name in ("CACHE", "FIGURES"):
+        monkeypatch.setattr(paths, name, tmp_path / name.lower())
+    monkeypatch.delenv(CHANGED, raising=False)
+
+
 @pytest.fixture(scope="session")
 def stage_folder(tmp_path_factory):
     """Where stages that several tests look at are computed once."""

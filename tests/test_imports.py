@@ -19,7 +19,8 @@ physics_checks
 controllers recording walking walking_report
 expert data dynamics planning dagger
 expert_pipeline data_pipeline pipeline planner_pipeline dagger_pipeline grid_search
-stamps results figures video plots transformer_claims gallery notebook_run batch
+stamps results figures video plots mlp_claims transformer_claims planner_claims
+gallery notebook_run batch
 """.split()
 WITHOUT_TORCH = """
 robot.schema robot.model robot.state robot.kinematics reward gait simulator environment walking

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +11,7 @@ from cassie_lib import paths, presets
 from cassie_lib import transformer_claims as claims
 from cassie_lib.dynamics.evaluation import OpenLoop
 from cassie_lib.plots.transformer import CAUSAL_LABEL, THESIS_LABEL, Curve
-from cassie_lib.provenance import CHANGED
+from cassie_lib.results import read_results
 
 PRESET = presets.get_preset("laptop")
 def computed(seconds, number=0):
@@ -24,16 +23,11 @@ def computed(seconds, number=0):
 ARTIFACT = computed(120.0)
 
 
-@pytest.fixture(autouse=True)
-def folders(tmp_path, monkeypatch):
-    for name in ("CACHE", "FIGURES"):
-        monkeypatch.setattr(paths, name, tmp_path / name.lower())
-    monkeypatch.delenv(CHANGED, raising=False)
+pytestmark = pytest.mark.usefixtures("figure_folders")
 
 
 def stored():
-    found = json.loads((paths.FIGURES / "results.json").read_text())
-    return {record["id"]: record for record in found}
+    return {record["id"]: record for record in read_results()}
 
 
 def make_log(ends, horizon=(1, 1, 1, 2, 2, 3, 3, 3, 3)):

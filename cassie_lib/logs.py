@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 _FIELDS = ("step", "seconds", "metric", "value", "seed")
@@ -76,9 +77,28 @@ class Progress:
         self.shown = now
         rate = (done - self.start) / max(now - self.began, 1e-9)
         left = (self.total - done) / max(rate, 1e-9)
-        shown = "  ".join(f"{name} {value:.3g}" for name, value in values.items())
+        shown = "".join(f"  {name} {value:.3g}" for name, value in values.items())
         print(
-            f"{self.label} {done:,}/{self.total:,}  {rate:,.0f}/s  "
-            f"{left / 60:.1f} min left  {shown}",
+            f"{self.label} {done:,}/{self.total:,}  {rate:,.{0 if rate >= 10 else 2}f}/s  "
+            f"{left / 60:.1f} min left{shown}",
             flush=True,
         )
+
+
+def step_progress(label: str, total: int, every_s: float = 60.0) -> Callable[[int, object], None]:
+    """Callback of a training that tells how far it is, and counts its rate from where it goes on.
+
+    Args:
+        label: What is trained.
+        total: Optimiser steps in all.
+        every_s: Seconds between lines.
+    """
+    meters: list[Progress] = []
+
+    def tell(step: int, model: object) -> None:
+        del model
+        if not meters:
+            meters.append(Progress(label, total, step - 1, every_s))
+        meters[0].update(step, {})
+
+    return tell

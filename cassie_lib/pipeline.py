@@ -34,6 +34,7 @@ from cassie_lib.expert_pipeline import (
     first_expert_artifact,
     reward_only_artifact,
 )
+from cassie_lib.logs import step_progress
 from cassie_lib.presets import Preset, replace
 from cassie_lib.threads import one_torch_thread
 
@@ -77,19 +78,23 @@ def mlp_artifacts(preset: Preset, seeds: Sequence[int]) -> tuple[list[Artifact],
 
 def transformer_artifact(preset: Preset) -> Artifact:
     """The thesis's transformer of section 5.1.2: weights, card and ``timing_log.csv``."""
-    names = ("train", "validation", "test")
+    names, parameters = ("train", "validation", "test"), preset.transformer
 
     def compute(folder: Path) -> None:
         train, validation, test = (transitions(preset, name) for name in names)
         work = _work(folder)
+        windows = len(train.window_starts(parameters.context + parameters.horizon))
+        windows = min(parameters.windows_per_epoch or windows, windows)
+        steps = parameters.epochs * -(-windows // parameters.batch_size)
         with one_torch_thread():
             trained = train_transformer(
-                train, preset.transformer, validation=validation, test=test, folder=work
-            )
+                train, parameters, validation=validation, test=test, folder=work,
+                callback=step_progress("transformer", steps),
+            )  # fmt: skip
         _store(folder, trained)
 
     return load_or_compute(
-        "transformer", preset.transformer, compute,
+        "transformer", parameters, compute,
         [pending_dataset(preset, name) for name in names], preset=preset.name, kept=True,
     )  # fmt: skip
 
@@ -114,8 +119,9 @@ def causal_artifact(preset: Preset, *, wide: bool = True) -> Artifact:
         measured = {"train": used[0], "test": transitions(preset, "test")}
         with one_torch_thread():
             trained = train_causal(
-                used, parameters, validation=validation, measured=measured, folder=work
-            )
+                used, parameters, validation=validation, measured=measured, folder=work,
+                callback=step_progress("causal model", parameters.steps),
+            )  # fmt: skip
         _store(folder, trained)
 
     return load_or_compute(

@@ -85,6 +85,22 @@ def test_other_episodes_are_refused(tmp_path, kept, other):
     start(**kept)
 
 
+def test_a_long_trial_tells_how_far_it_is(tmp_path, capsys):
+    parameters = cem_parameters()
+
+    def told(stop):
+        made = ResumableController(planner(parameters), None, tmp_path, "toy", STEPS)
+        drive(made, stop)
+        return capsys.readouterr().out.splitlines()
+
+    first, second = told(4), told(STEPS)
+    assert first[3].startswith("CEM of 2 robots 4/14")
+    assert first[3].endswith("planned for 2")
+    assert len(second) == STEPS - 4, "what is replayed is not told again"
+    assert second[-1].startswith("CEM of 2 robots 14/14")
+    assert "0.0 min left" in second[-1]
+
+
 def test_other_physics_is_refused(tmp_path):
     drive(resumable(tmp_path, cem_parameters())[1], 5)
     with pytest.raises(CheckpointError, match="rounds in another way.*remove it to start over"):

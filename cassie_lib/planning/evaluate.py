@@ -87,7 +87,7 @@ def run_protocol(
     push = Push(protocol.push_step, (0.0, protocol.push_Ns, 0.0)) if protocol.push_Ns else None
     controller = PlannerController(planner, driver)
     if checkpoint is not None:
-        controller = ResumableController(planner, driver, *checkpoint)
+        controller = ResumableController(planner, driver, *checkpoint, protocol.steps)
     return plan_episodes(
         controller,
         episodes=protocol.episodes,

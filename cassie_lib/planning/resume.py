@@ -16,6 +16,7 @@ import torch
 
 from cassie_lib.checkpoints import load_checkpoint, save_checkpoint
 from cassie_lib.errors import CheckpointError
+from cassie_lib.logs import Progress
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.control import PlannerController
 
@@ -32,10 +33,12 @@ class ResumableController(PlannerController):
         expert: As for the planner controller.
         folder: For ``episodes.pt``; made when it is missing.
         identity: What a resume must agree with: protocol, planner, model.
+        steps: Control steps of the episodes, to tell how many are left; 0 tells nothing.
     """
 
-    def __init__(self, planner: CEM, expert, folder: Path, identity: str) -> None:
+    def __init__(self, planner: CEM, expert, folder: Path, identity: str, steps: int = 0) -> None:
         super().__init__(planner, expert)
+        self._steps = steps
         self._cem, self._path, self._identity = planner, folder / CHECKPOINT, identity
         folder.mkdir(parents=True, exist_ok=True)
 
@@ -50,6 +53,9 @@ class ResumableController(PlannerController):
         self._saved = load_checkpoint(self._path, self._start)
         self._done: list[np.ndarray] = []
         self._saved_at = time.monotonic()
+        planned = len(self._saved["actions"]) if self._saved else 0
+        label = f"{type(self.planner).__name__} of {count} robots"
+        self._meter = Progress(label, self._steps, planned, SAVE_EVERY_S, not self._steps)
 
     def act(self, observation) -> np.ndarray:
         """Actions ``(N, 10)`` rad: those that were saved, and planned ones after them.
@@ -67,6 +73,7 @@ class ResumableController(PlannerController):
             return actions
         actions = super().act(observation)
         self._done.append(np.array(actions))
+        self._meter.update(len(self._done), {"planned for": self._rows[-1].planned.sum()})
         # Until the hand-over the expert acts, and what it remembers is not saved.
         due = time.monotonic() - self._saved_at >= SAVE_EVERY_S
         if due and len(self._done) > self.handover_step:

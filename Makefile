@@ -4,6 +4,7 @@
 #
 # Options of make figures: PRESET=smoke|laptop|thesis  ONLY=01,05  RECOMPUTE=all|expert,data  JOBS=2
 #   SNAKEMAKE="--executor slurm"   further arguments for Snakemake
+# Options of make test: WORKERS=2   processes that the tests are shared between
 # Options of the set-up: PYTHON=python3.12  TORCH_INDEX=<address>   index with CPU builds of torch
 
 PRESET ?= laptop
@@ -11,6 +12,7 @@ ONLY ?=
 RECOMPUTE ?=
 JOBS ?= 1
 SNAKEMAKE ?=
+WORKERS ?= 2
 PYTHON ?= python3
 TORCH_INDEX ?=
 
@@ -38,8 +40,8 @@ test: export OPENBLAS_NUM_THREADS ?= 1
 test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -q --cov --cov-report=term:skip-covered tests
-	CASSIE_PRESET=smoke $(BIN)/python -m pytest -q -p no:cacheprovider --nbval-lax --nbval-current-env notebooks
+	$(BIN)/python -m pytest -q -n $(WORKERS) --cov --cov-report=term:skip-covered tests
+	CASSIE_PRESET=smoke $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile -p no:cacheprovider --nbval-lax --nbval-current-env notebooks
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

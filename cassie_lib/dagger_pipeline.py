@@ -118,7 +118,7 @@ def dagger_runs(
         decayed_rounds: Likewise with beta.
         decay: beta.
         push_Ns: Sideways push in N s.
-        hard_push_Ns: One that the planner hardly survives.
+        hard_push_Ns: A harder one.
 
     Raises:
         ParameterError: If more rounds are asked for than the preset's schedule has.

@@ -28,6 +28,34 @@ def test_every_claim_is_still_made():
         assert re.sub(r"\d+$", "", record["id"]) in text, record["id"]
 
 
+#: Rows of the README's table of two trainings -> the claim that the first of them is.
+TRAININGS = {
+    "CEM, zero mean": "06-cem-steps-zero-mean",
+    "Gradient-CEM, zero mean": "07-gradient-cem-steps-zero-mean",
+    "its gain over CEM": "07-beyond-cem",
+    "gained by its two rounds": "08-gain-without-wide-data",
+}
+
+
+@pytest.mark.parametrize("row", TRAININGS)
+def test_the_table_of_two_trainings_shows_the_stored_results(row):
+    (shown,) = re.findall(rf"^\| {row} \| ([^|]*) \|", TEXT, re.M)
+    record = {item["id"]: item for item in results.read_results("laptop")}[TRAININGS[row]]
+    low, high = record["interval"]
+    assert shown == f"{record['value']:g} [{low:g}, {high:g}]"
+
+
+def test_medians_by_round_are_the_stored_ones():
+    """In the table of two trainings, and rounded on the first screen."""
+    (shown,) = re.findall(r"^\| model without wide data: [^|]*\| ([^|]*) \|", TEXT, re.M)
+    records = {item["id"]: item for item in results.read_results("laptop")}
+    reason = records["08-gain-without-wide-data"]["reason"]
+    medians = reason.split("medians round by round: ")[1].split(" to ")
+    assert shown.split(", ") == medians
+    before, one, two = (int(float(median) + 0.5) for median in medians)
+    screen = " ".join(TEXT.split("## Results")[0].split())
+    assert f"median of {before} steps, of {one} after one round and of {two} after two" in screen
+
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(\w+)`", NOTATION))))
 def test_code_names_of_the_notation_table_exist(name):

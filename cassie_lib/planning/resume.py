@@ -1,7 +1,7 @@
 """Long episodes of a planner that go on where they were killed.
 
-Planning a control step costs a hundred times what simulating it does.  So only what was planned is
-saved: the actions, the log, and what the planner remembers.  A resume replays the actions in the
+Planning a control step costs some thirty times what simulating it does.  So only what was planned
+is saved: the actions, the log, and what the planner remembers.  A resume replays the actions in the
 simulator, which makes the same bits again, and plans from the first step that was not saved.
 """
 
@@ -38,8 +38,8 @@ class ResumableController(PlannerController):
 
     def __init__(self, planner: CEM, expert, folder: Path, identity: str, steps: int = 0) -> None:
         super().__init__(planner, expert)
-        self._steps = steps
-        self._cem, self._path, self._identity = planner, folder / CHECKPOINT, identity
+        self.planner: CEM = planner
+        self._steps, self._path, self._identity = steps, folder / CHECKPOINT, identity
         folder.mkdir(parents=True, exist_ok=True)
 
     def reset(self, count: int, seed: int = 0) -> None:
@@ -85,7 +85,7 @@ class ResumableController(PlannerController):
             "actions": torch.as_tensor(np.array(self._done)),
             "states": states,
             "controller": self.state_dict(),
-            "planner": self._cem.state_dict(),
+            "planner": self.planner.state_dict(),
         }
         save_checkpoint(self._path, content, self._start)
         self._saved_at = time.monotonic()
@@ -99,7 +99,7 @@ class ResumableController(PlannerController):
                 "expected the same states after the same actions; remove it to start over"
             )
         self.load_state_dict(saved["controller"])
-        self._cem.load_state_dict(saved["planner"])
+        self.planner.load_state_dict(saved["planner"])
         self._saved = None
 
 

@@ -39,18 +39,19 @@ def dagger(
     preset: Preset,
     *,
     rounds: int | None = None,
-    decay: float | None = None,
     wide: bool = True,
+    **changes,
 ) -> list[Round]:
     """The rounds of Algorithm 3 with Gradient-CEM.
 
     Args:
         preset: The preset.
         rounds: Only so many of the schedule's rounds.
-        decay: beta of section 6.2; default the preset's.
-        wide: See :func:`dagger_start`.
+        wide: False: from the model that has seen the expert's walk alone, with the preset's
+            ``narrow_dagger``.
+        changes: Fields of that section that differ from the preset's, e.g. ``decay``.
     """
-    parameters = preset.dagger if decay is None else replace(preset.dagger, decay=decay)
+    parameters = replace(preset.dagger if wide else preset.narrow_dagger, **changes)
     return dagger_rounds(
         dagger_start(preset, wide=wide), parameters, preset.gradient_cem, preset.simulation,
         preset=preset.name, rounds=rounds,
@@ -61,20 +62,19 @@ class RoundTrials(NamedTuple):
     """Gradient-CEM's episodes before and after the rounds.
 
     Attributes:
-        wide: Round 0 first; the last one is the longest.
-        narrow, decayed: The same from the model that has seen the expert's walk alone; all of one
-            length, so that their planner-only steps compare seed by seed.
-        padded: After the last round, begun without any expert.
+        wide: Round 0 first.
+        narrow, decayed, control: The same from the model that has seen the expert's walk alone.
+            All are of one length, so that their planner-only steps compare seed by seed.
+        padded: After the last round, begun without any expert: the longest.
         pushed: After the last round, under the push.
-        harder: Under the hard push, by round; not after the first.
     """
 
     wide: list[Trial]
     narrow: list[Trial]
     decayed: list[Trial]
+    control: list[Trial]
     padded: Trial
     pushed: Trial
-    harder: dict[int, Trial]
 
 
 class _Wanted(NamedTuple):
@@ -92,12 +92,14 @@ class DaggerRuns(NamedTuple):
         wide: All rounds of the schedule.
         narrow: Rounds from the model without wide data.
         decayed: The same with beta.
+        control: The same with as much training, on what the first model was trained on alone.
         trials: Before and after the rounds.
     """
 
     wide: list[Round]
     narrow: list[Round]
     decayed: list[Round]
+    control: list[Round]
     trials: RoundTrials
 
 
@@ -108,31 +110,30 @@ def dagger_runs(
     decayed_rounds: int,
     decay: float,
     push_Ns: float,
-    hard_push_Ns: float,
 ) -> DaggerRuns:
     """The rounds of notebook 08 and the trials after them, side by side where they are missing.
 
     Args:
         preset: The preset.
-        narrow_rounds: Rounds from the model without wide data.
+        narrow_rounds: Rounds from the model without wide data, and of their control.
         decayed_rounds: Likewise with beta.
         decay: beta.
         push_Ns: Sideways push in N s.
-        hard_push_Ns: A harder one.
 
     Raises:
         ParameterError: If more rounds are asked for than the preset's schedule has.
     """
-    schedule = len(preset.dagger.schedule)
+    schedule = len(preset.narrow_dagger.schedule)
     for name, count in (("narrow_rounds", narrow_rounds), ("decayed_rounds", decayed_rounds)):
         if not 1 <= count <= schedule:
             raise ParameterError(f"{name} is {count}: expected 1 to {schedule}, of the schedule")
     chains: dict[str, dict[str, Any]] = {
-        "wide": {"rounds": schedule},
+        "wide": {"rounds": len(preset.dagger.schedule)},
         "narrow": {"rounds": narrow_rounds, "wide": False},
         "decayed": {"rounds": decayed_rounds, "wide": False, "decay": decay},
+        "control": {"rounds": narrow_rounds, "wide": False, "rounds_share": 0.0},
     }
-    wanted = _wanted_trials(preset, chains, push_Ns, hard_push_Ns)
+    wanted = _wanted_trials(preset, chains, push_Ns)
     calls: list[Callable[[], Any]] = [partial(dagger, preset, **made) for made in chains.values()]
     calls += [
         partial(_trial_after, preset, chains[item.chain], item.round, options)
@@ -141,31 +142,25 @@ def dagger_runs(
     # The rounds first: a trial whose round another process still trains waits for it.
     costs = [float("inf")] * len(chains)
     costs += [float(options["steps"]) for options in wanted.values()]
-    wide, narrow, decayed, *tried = side_by_side(calls, costs)
+    results = side_by_side(calls, costs)
+    made, tried = results[: len(chains)], results[len(chains) :]
     found = dict(zip(wanted, tried, strict=True))
-    return DaggerRuns(wide, narrow, decayed, _by_chain(found, chains))
+    return DaggerRuns(**dict(zip(chains, made, strict=True)), trials=_by_chain(found, chains))
 
 
 def _wanted_trials(
-    preset: Preset, chains: dict[str, dict[str, Any]], push_Ns: float, hard_push_Ns: float
+    preset: Preset, chains: dict[str, dict[str, Any]], push_Ns: float
 ) -> dict[_Wanted, dict[str, Any]]:
     """Arguments of every trial."""
     sizes, last = preset.evaluation, chains["wide"]["rounds"]
-    usual: dict[str, Any] = {"steps": sizes.planner_steps}
-    longest: dict[str, Any] = {"steps": sizes.last_round_steps}
-    hard: dict[str, Any] = {"push_Ns": hard_push_Ns, "steps": sizes.short_steps}
     wanted: dict[_Wanted, dict[str, Any]] = {
-        _Wanted("wide", "padded", last): {"start": "padded", **longest},
+        _Wanted("wide", "padded", last): {"start": "padded", "steps": sizes.last_round_steps},
         _Wanted("wide", "pushed", last): {"push_Ns": push_Ns, "steps": sizes.steps},
     }
-    for index in range(last + 1):
-        wanted[_Wanted("wide", "plain", index)] = longest if index == last else usual
-        if index != 1:
-            wanted[_Wanted("wide", "harder", index)] = hard
-    # The model before the rounds is the same with beta and without.
-    for name, first in (("narrow", 0), ("decayed", 1)):
-        for index in range(first, chains[name]["rounds"] + 1):
-            wanted[_Wanted(name, "plain", index)] = usual
+    for name, chain in chains.items():
+        # The model before the rounds is the same for all that begin without wide data.
+        for index in range(0 if name in ("wide", "narrow") else 1, chain["rounds"] + 1):
+            wanted[_Wanted(name, "plain", index)] = {"steps": sizes.planner_steps}
     return wanted
 
 
@@ -182,10 +177,9 @@ def _by_chain(found: dict[_Wanted, Trial], chains: dict[str, dict[str, Any]]) ->
 
     last, narrow = chains["wide"]["rounds"], plain("narrow")
     return RoundTrials(
-        plain("wide"), narrow, [narrow[0], *plain("decayed")],
+        plain("wide"), narrow, *([narrow[0], *plain(name)] for name in ("decayed", "control")),
         found[_Wanted("wide", "padded", last)],
         found[_Wanted("wide", "pushed", last)],
-        {item.round: trial for item, trial in found.items() if item.kind == "harder"},
     )  # fmt: skip
 
 

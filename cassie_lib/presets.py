@@ -52,6 +52,8 @@ class Preset:
     cem: CEMParameters = field(default_factory=CEMParameters)
     gradient_cem: GradientCEMParameters = field(default_factory=GradientCEMParameters)
     dagger: DAggerParameters = field(default_factory=DAggerParameters)
+    #: Rounds from that model, as in Algorithm 3: nobody disturbs the robots.
+    narrow_dagger: DAggerParameters = field(default_factory=DAggerParameters)
     evaluation: EvaluationParameters = field(default_factory=EvaluationParameters)
 
 
@@ -92,6 +94,9 @@ def _smoke() -> Preset:
         validation_windows=16,
     )
     cem = CEMParameters(samples=8, elites=3, iterations=1, horizon=3, mean="warm")
+    dagger = DAggerParameters(
+        transitions=160, schedule=(1, 27), robots=4, episode_steps=40, training_steps=6
+    )
     return Preset(
         "smoke",
         expert=ExpertParameters(total_steps=224, refinement_steps=112, **tiny),
@@ -141,13 +146,8 @@ def _smoke() -> Preset:
             gradient_iterations=1,
             normalise_gradient=True,
         ),
-        dagger=DAggerParameters(
-            transitions=160,
-            schedule=(1, 27),
-            robots=4,
-            episode_steps=40,
-            training_steps=6,
-        ),
+        dagger=dagger,
+        narrow_dagger=dagger,
         evaluation=EvaluationParameters(
             seeds=2,
             expert_seeds=2,
@@ -170,6 +170,17 @@ def _laptop() -> Preset:
         layers=2, model_size=160, feedforward_size=640, batch_size=64, steps=13_700,
         rollout_share=0.29,
     )  # fmt: skip
+    dagger = DAggerParameters(
+        transitions=10_000,
+        schedule=(1, 2, 27),
+        # Whoever drives without the expert must have seen how to recover.
+        bursts=BurstParameters(strongest_rad=0.4),
+        pad_starts=True,
+        training_steps=1000,
+        learning_rate=1e-4,
+        # One-step batches first would undo what the model has learned of ten steps.
+        rollout_share=1.0,
+    )
     return Preset(
         "laptop",
         mlp=MLPParameters(hidden_size=256),
@@ -233,17 +244,8 @@ def _laptop() -> Preset:
             terminal_weight=0.3,
             foot_weight=0.1,
         ),
-        dagger=DAggerParameters(
-            transitions=10_000,
-            schedule=(1, 2, 27),
-            # Whoever drives without the expert must have seen how to recover.
-            bursts=BurstParameters(strongest_rad=0.4),
-            pad_starts=True,
-            training_steps=1000,
-            learning_rate=1e-4,
-            # One-step batches first would undo what the model has learned of ten steps.
-            rollout_share=1.0,
-        ),
+        dagger=dagger,
+        narrow_dagger=replace(dagger, schedule=(1, 2), bursts=None, pad_starts=False),
     )
 
 

@@ -145,6 +145,18 @@ def test_older_rounds_decay():
             window_shares(sources, [2, 1, 0], decay, 3)
 
 
+def test_the_rounds_may_get_a_fixed_share_of_the_batches():
+    sources = [recorded([12]), recorded([22]), recorded([12, 12]), recorded([12])]
+    ages = [2, 2, 1, 0]
+    shares = window_shares(sources, ages, 0.5, 3, first=2, rounds_share=0.4)
+    # Within each part by windows and age: 10 and 20 at one age, 20 halved and 10.
+    assert shares == pytest.approx([0.2, 0.4, 0.2, 0.2])
+    assert window_shares(sources, ages, 1.0, 3, first=2, rounds_share=0.0)[2:] == [0.0, 0.0]
+    for share in (-0.1, 1.1, float("nan")):
+        with pytest.raises(ParameterError, match="rounds_share"):
+            window_shares(sources, ages, 1.0, 3, first=2, rounds_share=share)
+
+
 def test_recording_gives_the_steps_after_the_hand_over():
     class Kick(Lazy):
         def act(self, observation):
@@ -268,6 +280,18 @@ def test_retraining_has_its_own_budget_rate_and_share_of_rollouts(start, cache, 
     assert len(sources[0]) == len(start.load_train()[0]), "the oldest is the first model's data"
 
 
+def test_a_control_learns_from_what_the_first_model_was_trained_on_alone(start, cache):
+    """Whatever its rounds have collected, the weights come out the same."""
+    made = [
+        run(start, replace(PARAMETERS, rounds_share=0.0, transitions=count), rounds=1)[0]
+        for count in (100, 75)
+    ]
+    assert torch.equal(made[0].model.head.weight, made[1].model.head.weight)
+    assert not torch.equal(made[0].model.head.weight, start.model.head.weight)
+    learned = run(start, rounds=1)[0]
+    assert not torch.equal(learned.model.head.weight, made[0].model.head.weight)
+
+
 def test_killed_round_goes_on_where_it_was(start, cache, monkeypatch):
     whole = run(start, rounds=1)[0]
     monkeypatch.setattr(paths, "CACHE", cache / "other")
@@ -319,5 +343,7 @@ def test_bad_rounds_are_refused(start, cache):
         run(start, replace(PARAMETERS, schedule=(1, 28)))
     with pytest.raises(ParameterError, match="schedule is empty"):
         run(start, replace(PARAMETERS, schedule=()))
+    with pytest.raises(ParameterError, match="rounds_share is 2"):
+        run(start, replace(PARAMETERS, rounds_share=2.0))
     with pytest.raises(ParameterError, match="expected a CausalModel"):
         run(Start(start.expert, DoubleIntegrator(), start.load_train, start.load_test))

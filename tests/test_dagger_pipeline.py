@@ -19,9 +19,9 @@ from cassie_lib.presets import replace
 def tried(stages, asked, monkeypatch):
     """The runs of the notebook, untrained, and what their trials ask for, by model and push."""
 
-    def rounds(preset, *, rounds, wide=True, decay=None):
+    def rounds(preset, *, rounds, wide=True, decay=None, rounds_share=None):
         del preset
-        name = "faded" if decay else "wide" if wide else "thin"
+        name = "faded" if decay else "wide" if wide else "thin" if rounds_share is None else "alone"
         return [
             SimpleNamespace(index=i, model=f"{name} {i}", artifact=f"{name} {i}")
             for i in range(1, rounds + 1)
@@ -36,17 +36,16 @@ def tried(stages, asked, monkeypatch):
 
 
 def runs(preset, narrow_rounds=1):
-    pushes = {"push_Ns": 20.0, "hard_push_Ns": 40.0}
     return dagger_pipeline.dagger_runs(
-        preset, narrow_rounds=narrow_rounds, decayed_rounds=1, decay=0.5, **pushes
+        preset, narrow_rounds=narrow_rounds, decayed_rounds=1, decay=0.5, push_Ns=20.0
     )
 
 
-def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, tried):
+def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest_on_its_own(stages, tried):
     found, trials = tried
     wide = pipeline.causal_artifact(stages).key
     walks = [trials[key, "handover", 0.0] for key in (wide, "wide 1", "wide 2")]
-    assert [item.protocol.steps for item in walks] == [30, 30, 100]
+    assert [item.protocol.steps for item in walks] == [30, 30, 30]
     assert [item.model for item in walks[1:]] == ["wide 1", "wide 2"]
     assert [item.index for item in found.wide] == [1, 2], "the whole schedule"
     assert len(found.trials.wide) == 3
@@ -54,21 +53,20 @@ def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest(stages, 
     assert (padded.model, padded.protocol.steps) == ("wide 2", 100)
     pushed = trials["wide 2", "handover", 20.0]
     assert (pushed.model, pushed.protocol.steps) == ("wide 2", stages.evaluation.steps)
-    hard = {key: item.protocol.steps for (key, _, push), item in trials.items() if push == 40.0}
-    assert set(hard) == {wide, "wide 2"}, "the first round is not pushed"
-    assert set(hard.values()) == {stages.evaluation.short_steps}
-    assert set(found.trials.harder) == {0, 2}
 
 
 def test_rounds_of_the_narrow_model_are_tried_for_the_same_length(stages, tried):
     found, trials = tried
     before = pipeline.causal_artifact(stages, wide=False).key
     assert before != pipeline.causal_artifact(stages).key
-    compared = [trials[key, "handover", 0.0] for key in (before, "thin 1", "thin 2", "faded 1")]
+    after = ["thin 1", "thin 2", "faded 1", "alone 1", "alone 2"]
+    compared = [trials[key, "handover", 0.0] for key in (before, *after)]
     assert {item.protocol.steps for item in compared} == {stages.evaluation.planner_steps}
-    assert [item.model for item in compared[1:]] == ["thin 1", "thin 2", "faded 1"]
-    assert (len(found.trials.narrow), len(found.trials.decayed)) == (3, 2)
-    assert (len(found.narrow), len(found.decayed)) == (2, 1)
+    assert [item.model for item in compared[1:]] == after
+    made = found.trials
+    assert [len(trials) for trials in (made.narrow, made.decayed, made.control)] == [3, 2, 3]
+    assert made.narrow[0] is made.decayed[0] is made.control[0]
+    assert [len(chain) for chain in (found.narrow, found.decayed, found.control)] == [2, 1, 2]
 
 
 def test_dagger_begins_with_what_the_model_was_made_of(stages):
@@ -110,9 +108,10 @@ def test_runs_of_the_notebook_are_those_asked_for_one_by_one(stages, asked):
         dagger_pipeline.dagger(stages, rounds=1)[0].artifact.key,
         dagger_pipeline.dagger(stages, rounds=1, wide=False)[0].artifact.key,
         dagger_pipeline.dagger(stages, rounds=1, wide=False, decay=0.5)[0].artifact.key,
+        dagger_pipeline.dagger(stages, rounds=1, wide=False, rounds_share=0.0)[0].artifact.key,
     }
-    assert keys == {made[0].artifact.key for made in (found.wide, found.narrow, found.decayed)}
-    assert len(keys) == 3
+    assert keys == {made[0].artifact.key for made in found[:4]}
+    assert len(keys) == 4
     longest = max(asked, key=lambda item: item.protocol.steps)
     assert longest.upstream[1].key == found.wide[-1].artifact.key
 
@@ -121,13 +120,13 @@ def test_rounds_models_and_trials_of_two_processes_are_those_of_one_bit_for_bit(
     stages, monkeypatch
 ):
     """Each process waits for what the other one trains; nothing is made twice."""
-    short = dict.fromkeys(("planner_steps", "last_round_steps", "short_steps", "steps"), 16)
+    short = dict.fromkeys(("planner_steps", "last_round_steps", "steps"), 16)
     preset = replace(stages, evaluation=replace(stages.evaluation, **short))
 
     def artifacts():
         transformer, causal = pipeline.transformer_and_causal(preset)
         found = runs(preset)
-        rounds = [item for chain in found[:3] for item in chain]
+        rounds = [item for chain in found[:4] for item in chain]
         trials = [*found.trials.wide, *found.trials.decayed, found.trials.padded]
         return [transformer, causal, *(item.artifact for item in (*rounds, *trials))]
 

@@ -136,8 +136,26 @@ def pad_starts(transitions: Transitions, context: int) -> Transitions:
     return Transitions(transitions.states[rows], actions, transitions.phase[rows], begins)
 
 
+def check_shares(decay: float, rounds_share: float | None) -> None:
+    """Refuse weights of the rounds that are none; see :func:`window_shares`.
+
+    Raises:
+        ParameterError: If beta or the share of the rounds is out of range.
+    """
+    if not 0.0 < decay <= 1.0:
+        raise ParameterError(f"decay is {decay}: expected 0 < beta <= 1")
+    if rounds_share is not None and not 0.0 <= rounds_share <= 1.0:
+        raise ParameterError(f"rounds_share is {rounds_share}: expected 0 to 1, or None")
+
+
 def window_shares(
-    sources: Sequence[Transitions], ages: Sequence[int], decay: float, length: int
+    sources: Sequence[Transitions],
+    ages: Sequence[int],
+    decay: float,
+    length: int,
+    *,
+    first: int = 0,
+    rounds_share: float | None = None,
 ) -> list[float]:
     """Share of each recording in the training batches: its windows times beta**age.
 
@@ -146,16 +164,22 @@ def window_shares(
         ages: Rounds since each was collected; the newest has 0.
         decay: beta, 0 to 1; 1 keeps everything.
         length: States per window.
+        first: How many of the recordings, in front, are what the first model was trained on.
+        rounds_share: What the others get together, shared out in the same way; None: what their
+            windows give them.
 
     Raises:
-        ParameterError: If beta is out of range.
+        ParameterError: If beta or the share of the rounds is out of range.
     """
-    if not 0.0 < decay <= 1.0:
-        raise ParameterError(f"decay is {decay}: expected 0 < beta <= 1")
+    check_shares(decay, rounds_share)
     weights = np.array(
         [
             len(source.window_starts(length)) * decay**age
             for source, age in zip(sources, ages, strict=True)
         ]
     )
-    return (weights / weights.sum()).tolist()
+    weights /= weights.sum()
+    if rounds_share is not None:
+        weights[:first] *= (1.0 - rounds_share) / weights[:first].sum()
+        weights[first:] *= rounds_share / weights[first:].sum()
+    return weights.tolist()

@@ -13,6 +13,7 @@ from typing import Any
 from cassie_lib.artifacts import WORK, Artifact, Upstream, load_or_compute
 from cassie_lib.dagger.disturbed import make_driver
 from cassie_lib.dagger.recordings import (
+    check_shares,
     load_transitions,
     pad_starts,
     save_transitions,
@@ -138,6 +139,7 @@ def _check(start: Start, parameters: DAggerParameters) -> None:
             f"model is a {type(start.model).__name__}: expected a CausalModel, which can be "
             "trained on"
         )
+    check_shares(parameters.decay, parameters.rounds_share)
     if not parameters.schedule:
         raise ParameterError("schedule is empty: expected n of at least one round")
     for steps in parameters.schedule:
@@ -216,7 +218,10 @@ def _retrain(
         sources,
         settings,
         validation=concatenate([*(item.validation for item in before), validation]),
-        shares=window_shares(sources, ages, parameters.decay, length),
+        shares=window_shares(
+            sources, ages, parameters.decay, length,
+            first=len(start.train), rounds_share=parameters.rounds_share,
+        ),
         initial=model,
         folder=folder / WORK / "training",
     )

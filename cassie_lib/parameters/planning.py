@@ -54,6 +54,9 @@ class DAggerParameters:
     transitions: int = 100_000  # M per round
     schedule: tuple[int, ...] = (1, 2)  # n of each round
     decay: float = 1.0  # beta on older rounds (section 6.2)
+    # Share of the batches that all rounds get together; None: by their number of windows, 0: a
+    # control that trains as long and learns nothing from them.
+    rounds_share: float | None = None
     split: tuple[float, float, float] = (0.6, 0.2, 0.2)
     robots: int = 16
     episode_steps: int = 300
@@ -77,7 +80,7 @@ class EvaluationParameters:
     planner_steps: int = 560  # of Gradient-CEM's episodes, hand-over included
     cem_steps: int = 330  # of CEM's
     ablation_steps: int = 170  # of the trials with another initial mean
-    last_round_steps: int = 3060  # of the last DAgger round
+    last_round_steps: int = 3060  # after the last DAgger round, begun without the expert
     oracle_seeds: int = 2  # CEM on the true simulator
     oracle_steps: int = 80
     oracle_gradient_seeds: int = 1  # Gradient-CEM on it: 550 simulated steps for one gradient

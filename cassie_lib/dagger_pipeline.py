@@ -63,8 +63,9 @@ class RoundTrials(NamedTuple):
 
     Attributes:
         wide: Round 0 first.
-        narrow, decayed, control: The same from the model that has seen the expert's walk alone.
-            All are of one length, so that their planner-only steps compare seed by seed.
+        narrow, decayed: The same from the model that has seen the expert's walk alone.
+        control: After its retraining. All up to here are of one length, so that their planner-only
+            steps compare seed by seed.
         padded: After the last round, begun without any expert: the longest.
         pushed: After the last round, under the push.
     """
@@ -72,7 +73,7 @@ class RoundTrials(NamedTuple):
     wide: list[Trial]
     narrow: list[Trial]
     decayed: list[Trial]
-    control: list[Trial]
+    control: Trial
     padded: Trial
     pushed: Trial
 
@@ -92,7 +93,8 @@ class DaggerRuns(NamedTuple):
         wide: All rounds of the schedule.
         narrow: Rounds from the model without wide data.
         decayed: The same with beta.
-        control: The same with as much training, on what the first model was trained on alone.
+        control: One retraining as long as all of the narrow ones together, on what the first model
+            was trained on alone.
         trials: Before and after the rounds.
     """
 
@@ -115,7 +117,7 @@ def dagger_runs(
 
     Args:
         preset: The preset.
-        narrow_rounds: Rounds from the model without wide data, and of their control.
+        narrow_rounds: Rounds from the model without wide data.
         decayed_rounds: Likewise with beta.
         decay: beta.
         push_Ns: Sideways push in N s.
@@ -131,8 +133,11 @@ def dagger_runs(
         "wide": {"rounds": len(preset.dagger.schedule)},
         "narrow": {"rounds": narrow_rounds, "wide": False},
         "decayed": {"rounds": decayed_rounds, "wide": False, "decay": decay},
-        "control": {"rounds": narrow_rounds, "wide": False, "rounds_share": 0.0},
-    }
+        "control": {
+            "rounds": 1, "wide": False, "rounds_share": 0.0,
+            "training_steps": narrow_rounds * preset.narrow_dagger.training_steps,
+        },
+    }  # fmt: skip
     wanted = _wanted_trials(preset, chains, push_Ns)
     calls: list[Callable[[], Any]] = [partial(dagger, preset, **made) for made in chains.values()]
     calls += [
@@ -177,7 +182,7 @@ def _by_chain(found: dict[_Wanted, Trial], chains: dict[str, dict[str, Any]]) ->
 
     last, narrow = chains["wide"]["rounds"], plain("narrow")
     return RoundTrials(
-        plain("wide"), narrow, *([narrow[0], *plain(name)] for name in ("decayed", "control")),
+        plain("wide"), narrow, [narrow[0], *plain("decayed")], *plain("control"),
         found[_Wanted("wide", "padded", last)],
         found[_Wanted("wide", "pushed", last)],
     )  # fmt: skip

@@ -88,7 +88,7 @@ def planner_errors(
 
 
 def plot_progress(
-    runs: Mapping[str, Sequence[PlannedEpisodes]],
+    runs: Mapping[str, Sequence[PlannedEpisodes | None]],
     errors: Mapping[str, Mapping[str, np.ndarray]],
     rounds: Mapping[str, Sequence[Round]],
     thesis_steps: int,
@@ -96,7 +96,7 @@ def plot_progress(
     """Planner-only steps and model errors against the round; a run has one colour in all panels.
 
     Args:
-        runs: Trials after each round by label; round 0 first.
+        runs: Trials after each round by label; round 0 first, None where there is none.
         errors: Of :func:`planner_errors` by label, for some of the runs.
         rounds: The rounds, with their reports, by label, for some of the runs.
         thesis_steps: Of the thesis after two rounds.
@@ -139,21 +139,23 @@ def _explain(ax: Axes, names: Iterable[str], title: str) -> None:
     ax.legend(title=title, title_fontsize=6.5, fontsize=6.5)
 
 
-def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes], place: int):
+def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes | None], place: int):
     """Median, interval and seeds of planner-only steps; a triangle where the trial ended first."""
     tone, shift = list(COLOURS.values())[place], 0.12 * place
-    numbers = np.arange(len(trials)) + shift
-    steps = [found.planner_steps for found in trials]
+    made = {index: found for index, found in enumerate(trials) if found is not None}
+    rounds = np.array(list(made))
+    numbers = rounds + shift
+    steps = [found.planner_steps for found in made.values()]
     middle = np.array([np.median(values) for values in steps])
     bounds = np.array([bootstrap_interval(values) for values in steps]).T
     for number, values in zip(numbers, steps, strict=True):
         ax.plot(np.full(len(values), number), values, ".", color=tone, ms=3, alpha=0.35)
     ax.errorbar(numbers, middle, np.abs(bounds - middle), fmt="-o" if place == 0 else "--s",
                 color=tone, capsize=3, ms=4, label=label)  # fmt: skip
-    ends = np.array([trial.planner_limit for trial in trials])
+    ends = np.array([found.planner_limit for found in made.values()])
     lasting = middle >= ends
     ax.plot(numbers[lasting], 1.6 * middle[lasting], "^", color=tone, ms=4, mfc="white")
-    return {"round": np.arange(len(trials)), "median": middle, "low": bounds[0], "high": bounds[1],
+    return {"round": rounds, "median": middle, "low": bounds[0], "high": bounds[1],
             "trial_ends_after": ends}  # fmt: skip
 
 

@@ -108,7 +108,8 @@ def plot_progress(
     axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
     axes[0].plot([], [], "^", color="black", ms=4, mfc="white", label="trial ended first")
     axes[0].set(yscale="symlog", ylabel="control steps", title="planner-only steps")
-    axes[0].set_ylim(0, 2 * axes[0].get_ylim()[1])
+    least = min(int(t.planner_steps.min()) for made in runs.values() for t in made if t is not None)
+    axes[0].set_ylim(0.5 * least if least > 2 else 0, 2 * axes[0].get_ylim()[1])
     for label, found in errors.items():
         for (name, values), style in zip(found.items(), ("o--", "s-"), strict=False):
             axes[1].plot(np.arange(len(values)), values, style, ms=3.5, color=tones[label])

@@ -182,9 +182,10 @@ def _by_chain(found: dict[_Wanted, Trial], chains: dict[str, dict[str, Any]]) ->
 
     last, narrow = chains["wide"]["rounds"], plain("narrow")
     return RoundTrials(
-        plain("wide"), narrow, [narrow[0], *plain("decayed")], *plain("control"),
-        found[_Wanted("wide", "padded", last)],
-        found[_Wanted("wide", "pushed", last)],
+        plain("wide"), narrow, [narrow[0], *plain("decayed")],
+        control=found[_Wanted("control", "plain", 1)],
+        padded=found[_Wanted("wide", "padded", last)],
+        pushed=found[_Wanted("wide", "pushed", last)],
     )  # fmt: skip
 
 

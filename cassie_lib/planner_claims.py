@@ -44,7 +44,7 @@ def record_plan_time(claim_id: str, section: str, planner: CEM, provenance: Prov
     record_result(
         claim_id, section, provenance.preset, plan_ms, None, 1, how, provenance.from_nothing_s,
         None, "not comparable", claim=claim, unit="ms",
-        reason=f"no number in the thesis; the control period is 30 ms; {how}",
+        reason=f"the control period is 30 ms; {how}",
     )  # fmt: skip
     return f"{claim}: {plan_ms:.0f} ms ({how})"
 
@@ -64,10 +64,13 @@ def record_gradient_memory(
     Returns:
         One line for the reader.
     """
-    how, claim = f"tau = {horizon}, one run", f"memory of gradients, all {samples} : {elites}"
+    how, claim = (
+        f"tau = {horizon}, one run",
+        f"memory that gradients of {samples} sequences hold, over that of {elites}",
+    )
     record_result(
         "07-gradient-memory", "section 5.2.2", preset, memory_ratio, None, 1, how, 0.0, None,
-        "not comparable", claim=claim, reason=f"not given; {how}",
+        "not comparable", claim=claim, reason=how,
     )  # fmt: skip
     return f"{claim}: {memory_ratio:.3g}"
 
@@ -84,10 +87,10 @@ def record_cache_gain(preset: str, parameters: CEMParameters, gain: float) -> st
         One line for the reader.
     """
     how = f"CEM, N = {parameters.samples}, C = 1, tau = {parameters.horizon}, one core"
-    claim = "time of a plan, without : with the cache"
+    claim = "time of a plan without the cache, over that with it"
     record_result(
         "07-cache-gain", "section 5.2.2", preset, gain, None, 1, how, 0.0, None,
-        "not comparable", claim=claim, reason=f"not given; {how}",
+        "not comparable", claim=claim, reason=how,
     )  # fmt: skip
     return f"{claim}: {gain:.3g}"
 

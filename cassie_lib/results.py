@@ -17,11 +17,10 @@ from cassie_lib.provenance import changed_parameters
 VERDICTS = ("reproduced", "better", "not reproduced", "not comparable")
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
 _CLAIM = re.compile(r"\d\d-[a-z0-9]+(-[a-z0-9]+)*")
-_HEADER = (
-    "| Thesis | Claim | Notebook | Command | Minutes here (cached / from nothing) "
-    "| Thesis's number | Ours [95 % interval] | Verdict |\n"
-    "|---|---|---|---|---|---|---|---|\n"
-)
+_COLUMNS = ("Thesis", "Claim", "Notebook", "Command", "Minutes here (cached / from nothing)")
+_COMPARED = (*_COLUMNS, "Thesis's number", "Ours [95 % interval]", "Verdict")
+#: Of what the thesis has no number for.
+_OWN = (*_COLUMNS, "Ours [95 % interval]", "Remark")
 
 
 class Result(dict[str, Any]):
@@ -167,23 +166,25 @@ def _ours(record: dict[str, Any]) -> str:
 
 
 def _row(record: dict[str, Any]) -> str:
-    number = record["id"][:2]
-    verdict = f"**{record['verdict']}**" + (f": {record['reason']}" if record["reason"] else "")
+    number, reason = record["id"][:2], record["reason"]
+    if record["thesis_value"] is None:
+        last = [_ours(record), reason]
+    else:
+        verdict = f"**{record['verdict']}**" + (f": {reason}" if reason else "")
+        last = [_number(record["thesis_value"], record["unit"]), _ours(record), verdict]
     cells = [
         record["figure"],
         record["claim"] or record["id"][3:].replace("-", " "),
         _notebook(number),
         f"`make figures ONLY={number}`",
         f"{_cached_minutes(number)} / {record['wall_time_s'] / 60:.1f}",
-        _number(record["thesis_value"], record["unit"]),
-        _ours(record),
-        verdict,
+        *last,
     ]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
 
 
 def results_table() -> str:
-    """Markdown table of the ``laptop`` records.
+    """Markdown tables of the ``laptop`` records: beside the thesis's numbers, then our own.
 
     Raises:
         DataError: If ``figures/results.json`` cannot be read.
@@ -191,7 +192,15 @@ def results_table() -> str:
     records = read_results("laptop")
     if not records:
         return "No results yet: `make figures` writes them.\n"
-    return _HEADER + "".join(_row(record) for record in records)
+    parts: dict[tuple[str, ...], list[str]] = {_COMPARED: [], _OWN: []}
+    for record in records:
+        parts[_OWN if record["thesis_value"] is None else _COMPARED].append(_row(record))
+    tables = [_header(columns) + "".join(rows) for columns, rows in parts.items() if rows]
+    return "\nWhat the thesis gives no number for:\n\n".join(tables)
+
+
+def _header(columns: tuple[str, ...]) -> str:
+    return "| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|\n"
 
 
 def update_readme() -> bool:

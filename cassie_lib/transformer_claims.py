@@ -93,13 +93,15 @@ def record_training(
             "05-loss-order", "section 5.1.2", preset.name, losses["test"] / losses["train"], None,
             1, EVALUATED, spent_s, THESIS_LOSSES["test"] / THESIS_LOSSES["train"],
             _verdict(ordered), claim="test loss over training loss",
-            reason=" < ".join(sorted(losses, key=lambda name: losses[name])),
+            reason=" < ".join(sorted(losses, key=lambda name: losses[name]))
+            + (": the order of their action noise" if ordered else ""),
         ),
         record_result(
             "05-first-increment", "Figure A.1", preset.name, float(lasted[0]), *shared,
             float(THESIS_FIRST_INCREMENT), _verdict(longest),
             claim="the first increment takes the most epochs", unit="epochs",
-            reason="epochs per predicted step: " + ", ".join(map(str, lasted)),
+            reason="epochs per predicted step: " + ", ".join(map(str, lasted))
+            + " (the last one cut off)",
         ),
     ]  # fmt: skip
 
@@ -136,9 +138,9 @@ def record_losses(
             "05-penalised", "Figure 5.5", preset.name, float(ends["penalised"][1]), None, 1,
             f"mean of the last epoch, dropout on; {size}, {reached}", spent_s, THESIS_PENALISED,
             _verdict(falls),
-            claim="training loss with gradient penalty, Eq 3.9, normalised, falls with the penalty",
-            reason=f"from {ends['penalised'][0]:.3g}; penalty before λ from {first:.2g} to "
-            f"{final:.2g}; {reached}",
+            claim="training loss and gradient penalty of Eq 3.9 both fall",
+            reason=f"loss (normalised) from {ends['penalised'][0]:.3g}; penalty before λ from "
+            f"{first:.2g} to {final:.2g}; {reached}",
         ),
     ]  # fmt: skip
 

@@ -53,7 +53,7 @@ def test_panels_are_rounds_0_1_2_and_the_last(walks, count, rounds):
     assert len(figure.axes) == len(rounds)
     for axes, index in zip(figure.axes, rounds, strict=True):
         assert axes.get_title().startswith(f"round {index}: median of {10 * index + 4:g} ")
-        drawn = lines(axes)["median of those upright"][1]
+        drawn = lines(axes)["median, while half are upright"][1]
         np.testing.assert_array_equal(drawn, data[f"round {index}"]["median"])
         fallen = HANDOVER + np.array([10 * index, 10 * index + 4])
         assert lines(axes)["fall of a seed"][0].tolist() == fallen.tolist()

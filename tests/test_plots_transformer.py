@@ -98,7 +98,7 @@ def test_losses_are_drawn_as_logged_beside_the_thesis(thesis, causal, other, tmp
             np.testing.assert_array_equal(data[f"{label}, {name}"]["value"], expected.value)
     for name in ("train", other):
         value = THESIS_VALUES[name]
-        assert drawn[f"the thesis's {name}, {value:g}"][1].tolist() == [value, value]
+        assert drawn[f"thesis's {name}, {value:g} (unit unknown)"][1].tolist() == [value, value]
     assert increments(axes) == MINUTES[[3, 5]].tolist()
     assert axes.get_yscale() == "log"
     found = saved(write_plotted_data(tmp_path, "f", data))

@@ -43,8 +43,9 @@ def plot_round_rewards(
     for ax, index in zip(axes[:, 0], rounds, strict=True):
         found = trials[index]
         data[f"round {index}"] = reward_panel(ax, found, lines, thesis_fall=thesis_fall)
-        ax.set_title(f"round {index}: median of {np.median(found.planner_steps):g} planner-only "
-                     f"steps")  # fmt: skip
+        begun = "" if found.log.handover_step else ", begun without the expert"
+        ax.set_title(f"round {index}{begun}: median of {np.median(found.planner_steps):g} "
+                     "planner-only steps")  # fmt: skip
         ax.set_xlim(0, 1.01 * found.recording.actions.shape[1])
     axes[-1, 0].set_xlabel("control step (0.03 s each)")
     panels_legend(figure, axes[:, 0])
@@ -106,7 +107,7 @@ def plot_progress(
             for place, (label, trials) in enumerate(runs.items())}  # fmt: skip
     tones = dict(zip(runs, COLOURS.values(), strict=False))
     axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
-    axes[0].plot([], [], "^", color="black", ms=4, mfc="white", label="trial ended first")
+    axes[0].plot([], [], "^", color="black", ms=6, mfc="white", label="no fall up to the end")
     axes[0].set(yscale="symlog", ylabel="control steps", title="planner-only steps")
     least = min(int(t.planner_steps.min()) for made in runs.values() for t in made if t is not None)
     axes[0].set_ylim(0.5 * least if least > 2 else 0, 2 * axes[0].get_ylim()[1])
@@ -115,7 +116,7 @@ def plot_progress(
             axes[1].plot(np.arange(len(values)), values, style, ms=3.5, color=tones[label])
             data[f"{name}, {label}"] = {"round": np.arange(len(values)), "relative_error": values}
     _explain(axes[1], next(iter(errors.values())), "states of")
-    axes[1].set(yscale="log", ylabel="squared error / variance", title="error, last step")
+    axes[1].set(yscale="log", ylabel="squared error / variance", title="error, last predicted step")
     for label, made in rounds.items():
         numbers = np.array([item.index for item in made])
         for when, style in (("before", "o--"), ("after", "s-")):
@@ -125,7 +126,7 @@ def plot_progress(
                 "round": numbers, "relative_error": values
             }  # fmt: skip
     _explain(axes[2], ("before", "after"), "retraining")
-    axes[2].set(ylim=(0.0, None), title="on its new data")
+    axes[2].set(ylim=(0.0, None), title="the same on its new data")
     for ax in axes:
         ax.set_xticks(range(max(len(trials) for trials in runs.values())))
         ax.set_xlabel("round")
@@ -155,7 +156,7 @@ def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes | None],
                 color=tone, capsize=3, ms=4, label=label)  # fmt: skip
     ends = np.array([found.planner_limit for found in made.values()])
     lasting = middle >= ends
-    ax.plot(numbers[lasting], 1.6 * middle[lasting], "^", color=tone, ms=4, mfc="white")
+    ax.plot(numbers[lasting], middle[lasting], "^", color=tone, ms=6, mfc="white", zorder=4)
     return {"round": rounds, "median": middle, "low": bounds[0], "high": bounds[1],
             "trial_ends_after": ends}  # fmt: skip
 

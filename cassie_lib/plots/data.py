@@ -160,7 +160,7 @@ def plot_coverage(
     left.legend(markerscale=8, handletextpad=0.2)
     colours = [COLOURS[_SET_COLOURS[name]] for name in kept]
     right.barh(list(kept), cells, color=colours)
-    right.set(xlabel=f"cells occupied by\n{count:,} states of each")
+    right.set(xlabel=f"cells (0.5 × 0.5) occupied\nby {count:,} states of each")
     right.invert_yaxis()
     return figure, table
 
@@ -188,8 +188,10 @@ def plot_shift(pairs: Mapping[str, tuple[Episodes, Episodes]]) -> Drawn:
         rows = np.arange(len(groups)) + 0.24 * (2 * index - 1)
         right.plot(list(groups.values()), rows, "o", color=colour)
         table[f"{label} groups"] = {"group": list(groups), "distance": list(groups.values())}
-    left.set(xscale="log", xlabel="distance from the training set's\nmean gait (its own spread)",
-             ylabel="settled samples within (%)")  # fmt: skip
+    left.set(
+        xscale="log", ylabel="samples within (%),\nstart of episodes left out",
+        xlabel="distance from the training set's\nmean gait (1: typical of that set)",
+    )  # fmt: skip
     right.axvline(1.0, color="black", linestyle="-", linewidth=0.8)
     right.set_yticks(np.arange(len(groups)), list(groups), fontsize=6.5)
     right.invert_yaxis()

@@ -106,7 +106,8 @@ def plot_contact_forces(recording: Recording, steps: slice, episode: int = 0):
         ax.plot(time, values, "-", color=COLOURS["blue"])
         ax.set_ylabel(f"{name} (N)")
     axes[2].axhline(weight, color="0.4", ls=":", lw=1.0)
-    axes[2].text(time[0], weight, " body weight", fontsize=6, va="bottom", color="0.3")
+    axes[2].text(1.01, weight, "body\nweight", fontsize=6, va="center", color="0.3",
+                 transform=axes[2].get_yaxis_transform())  # fmt: skip
     axes[2].set_xlabel("time (s)")
     axes[0].set_title("left foot, mean over each control step of 0.03 s")
     return figure, {"time_s": time, "x_N": force[:, 0], "y_N": force[:, 1], "z_N": force[:, 2]}

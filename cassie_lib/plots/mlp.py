@@ -164,7 +164,8 @@ def plot_group_errors(results: Mapping[str, Mapping[str, OpenLoop]]) -> Drawn:
     for axes, group in zip(panels, ORDERS, strict=True):
         axes.set_title(group)
         axes.set_xlabel("predicted step")
-        axes.axhline(1.0, color="grey", linestyle="-", linewidth=0.6)
+        mean = axes.axhline(1.0, color="0.3", ls="-.", lw=0.8, label="predicting the mean")
+    handles.append(mean)
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure, table
 

@@ -173,7 +173,7 @@ def plot_grid_effects(rows: Sequence[Mapping[str, Any]]) -> Drawn:
             choice with several seeds, whose range is the band.
     """
     figure, panels = plt.subplots(
-        1, len(FACTORS), figsize=(COLUMN_WIDTH_IN, 2.4), sharey=True, squeeze=False
+        1, len(FACTORS), figsize=(COLUMN_WIDTH_IN, 2.5), sharey=True, squeeze=False
     )
     base = [row for row in rows if not row["changed"]]
     losses = np.array([row["one_step_loss"] for row in base])
@@ -189,8 +189,9 @@ def plot_grid_effects(rows: Sequence[Mapping[str, Any]]) -> Drawn:
                   "o-", color=COLOURS["blue"], markersize=4)  # fmt: skip
         axes.plot([f"{base[0][factor]:g}"], [1.0], "o", color=COLOURS["vermillion"], markersize=5)
         axes.set(yscale="log", xlabel=factor.replace("_", " "))
+        axes.tick_params(axis="x", labelsize=6)
         table[factor] = {"value": [v for v, _ in values], "loss": [loss for _, loss in values]}
-    panels[0, 0].set_ylabel("validation loss / that of the choice")
+    panels[0, 0].set_ylabel("validation loss /\nthat of the thesis's choice")
     return figure, table
 
 

@@ -97,7 +97,7 @@ def plot_state_prediction(
     for name, line in styles.items():
         value = thesis_values[name]
         axes.axhline(value, color="0.4", linestyle=":" if line == "--" else "-.", linewidth=0.9,
-                     label=f"the thesis's {name}, {value:g}")  # fmt: skip
+                     label=f"thesis's {name}, {value:g} (unit unknown)")  # fmt: skip
     mark_increments(axes, thesis)
     add_epochs(axes, thesis)
     axes.set(yscale="log", xlabel="training time (min, 1 core)", ylabel="Eq 3.6, raw units")

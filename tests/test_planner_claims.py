@@ -45,6 +45,6 @@ def test_ratios_are_recorded_with_what_they_compare():
     claims.record_cache_gain("laptop", cem_parameters(samples=1000, horizon=10), 30.0)
     cache, memory = read_results()
     assert (memory["value"], cache["value"]) == (19.9, 30.0)
-    assert memory["claim"].endswith("all 1000 : 50")
+    assert memory["claim"].endswith("of 1000 sequences hold, over that of 50")
     assert "tau = 10" in memory["protocol"]
     assert "N = 1000, C = 1, tau = 10" in cache["protocol"]

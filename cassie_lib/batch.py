@@ -23,7 +23,7 @@ from cassie_lib.artifacts.recompute import (
     spending_time,
 )
 from cassie_lib.artifacts.side_by_side import PROCESSES
-from cassie_lib.errors import CassieError
+from cassie_lib.errors import CassieError, ParameterError
 from cassie_lib.files import locked
 from cassie_lib.notebook_run import find_notebook, parse_parameter, run_notebook, short_path
 from cassie_lib.presets import resolve
@@ -40,6 +40,7 @@ NEEDS = {
     "07": ("05",),
     "08": ("05",),
 }
+_DRY_RUN = {"-n", "--dry-run", "--dryrun"}
 
 
 def select(only: str) -> list[Path]:
@@ -73,18 +74,24 @@ def run_figures(
 
     Raises:
         UnknownNameError: If the preset, a notebook or a stage does not exist.
+        ParameterError: If Snakemake is asked to run nothing.
     """
     preset = resolve(preset).name
     notebooks = select(only)
     requested_stages(recompute)
+    if dry := _DRY_RUN & set(extra):
+        raise ParameterError(f"{min(dry)} would run nothing: expected another argument")
     config = [f"preset={preset}", "only=" + "+".join(path.name[:2] for path in notebooks)]
     if recompute:
         begun = time.time()
         since = begin_request(recompute, preset)
         config += [f"since={since!r}", "recompute=" + recompute.replace(",", "+")]
-        if since >= begun:  # not the rest of an interrupted request
-            for notebook in notebooks:
-                stamp_file(preset, notebook.name[:2]).unlink(missing_ok=True)
+        for notebook in notebooks:
+            stamp = stamp_file(preset, notebook.name[:2])
+            # Of an interrupted request, which may have named fewer notebooks, what has been done
+            # since stays.
+            if since >= begun or (stamp.exists() and stamp.stat().st_mtime < since - 1.0):
+                stamp.unlink(missing_ok=True)
     (paths.CACHE / "batch").mkdir(parents=True, exist_ok=True)
     environment = dict(os.environ)
     if jobs > 1:
@@ -150,14 +157,16 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.command == "run":
-            resolve(options.preset)
+            number = find_notebook(options.notebook).name[:2]
+            # Not the request of make figures, which may be unfinished.
+            own = f"{resolve(options.preset).name}-{number}"
             parameters = dict(parse_parameter(text) for text in options.parameter)
             stages = options.recompute.replace("+", ",")
-            since = (options.since or begin_request(stages, options.preset)) if stages else 0.0
+            since = (options.since or begin_request(stages, own)) if stages else 0.0
             request = (stages, since) if stages else None
             run_notebook(options.notebook, options.preset, parameters, request, options.stamp)
             if stages and not options.since:
-                end_request(options.preset)
+                end_request(own)
             return 0
         code = run_figures(
             options.preset, options.only, options.recompute, options.jobs, tuple(options.extra)

@@ -50,8 +50,14 @@ def dagger(
         wide: False: from the model that has seen the expert's walk alone, with the preset's
             ``narrow_dagger``.
         changes: Fields of that section that differ from the preset's, e.g. ``decay``.
+
+    Raises:
+        ParameterError: If the schedule has not so many rounds.
     """
     parameters = replace(preset.dagger if wide else preset.narrow_dagger, **changes)
+    most = len(parameters.schedule)
+    if rounds is not None and not 1 <= rounds <= most:
+        raise ParameterError(f"rounds is {rounds}: expected 1 to {most}, of the schedule")
     return dagger_rounds(
         dagger_start(preset, wide=wide), parameters, preset.gradient_cem, preset.simulation,
         preset=preset.name, rounds=rounds,

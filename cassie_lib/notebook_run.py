@@ -170,13 +170,15 @@ def run_notebook(
     from nbclient.exceptions import DeadKernelError
 
     notebook, preset, changed = find_notebook(name), resolve(preset).name, dict(parameters or {})
-    check_parameters(notebook, changed)
+    if "PRESET" in changed:
+        raise ParameterError(f"PRESET = {changed['PRESET']!r} is a parameter: expected --preset")
     injected = {**({} if preset == "laptop" else {"PRESET": preset}), **changed}
     check_parameters(notebook, injected)
     target = paths.executed_folder(preset, bool(changed)) / notebook.name
     partial = paths.CACHE / "running" / f"{preset}-{os.getpid()}-{notebook.name}"
     used = partial.with_suffix(".artifacts")
     partial.parent.mkdir(parents=True, exist_ok=True)
+    used.unlink(missing_ok=True)  # of a killed process that had the same number
     environment: dict[str, str | None] = {
         USED: str(used),
         CHANGED: json.dumps(changed),
@@ -242,5 +244,5 @@ def _cleaned(executed: Path, seconds: float) -> str:
         cell["metadata"] = {k: v for k, v in cell["metadata"].items() if k == "tags"}
     text = json.dumps(book, indent=1, ensure_ascii=False) + "\n"
     for place, short in ((paths.ROOT, "."), (Path.home(), "~")):
-        text = text.replace(json.dumps(str(place))[1:-1] + "/", f"{short}/")
+        text = text.replace(json.dumps(str(place), ensure_ascii=False)[1:-1] + "/", f"{short}/")
     return text

@@ -97,6 +97,8 @@ def test_unknown_parameters_are_refused_with_the_known_ones(house, capsys):
     assert "'SEED'" in message
     assert "GAITS, PRESET, RATE, SEEDS" in message
     assert not (house / "figures").exists()
+    assert batch.main(["run", "01", "--parameter", "PRESET=smoke"]) == 1
+    assert "PRESET = 'smoke' is a parameter: expected --preset" in capsys.readouterr().err
 
 
 def test_values_of_another_type_are_refused(house):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from types import SimpleNamespace
 
 import pytest
@@ -105,6 +106,28 @@ def test_failed_figures_finish_nothing_and_keep_the_request(house, commands, cap
     assert not recompute.request_file("smoke").exists()
 
 
+def test_the_rest_of_a_request_runs_what_it_had_not_named_before(house, commands):
+    for number in ("01", "02"):
+        os.utime(stamp_file("smoke", number), (0.0, 0.0))
+    commands.code = 1
+    arguments = ["figures", "--preset", "smoke", "--recompute", "all"]
+    assert batch.main([*arguments, "--only", "01"]) == 1
+    write_stamp(stamp_file("smoke", "01"), "hash", [])
+    assert stamp_file("smoke", "02").exists()
+    assert batch.main(arguments) == 1
+    assert stamp_file("smoke", "01").exists(), "made since the request began"
+    assert not stamp_file("smoke", "02").exists(), "made before it"
+
+
+def test_a_dry_run_of_snakemake_is_refused_before_anything_is_forgotten(house, commands, capsys):
+    arguments = ["figures", "--preset", "smoke", "--recompute", "all", "--", "-n"]
+    assert batch.main(arguments) == 1
+    assert capsys.readouterr().err.startswith("error: -n would run nothing: expected")
+    assert commands.calls == []
+    assert stamp_file("smoke", "01").exists()
+    assert not recompute.request_file("smoke").exists()
+
+
 def test_a_finished_request_says_what_it_has_computed(house, commands, capsys, monkeypatch):
     make(preset="smoke")
     arguments = ["figures", "--preset", "smoke", "--recompute", "data,cem"]
@@ -129,7 +152,7 @@ def test_a_single_run_hands_over_parameters_and_its_request(house, monkeypatch):
 
     def pretend(notebook, preset, parameters, request, stamp):
         seen.append((notebook, preset, parameters, request, stamp))
-        assert recompute.request_file("smoke").exists() == (request is not None)
+        assert recompute.request_file("smoke-02").exists() == (request is not None)
 
     monkeypatch.setattr(batch, "run_notebook", pretend)
     run = ["run", "02", "--preset", "smoke"]
@@ -139,7 +162,11 @@ def test_a_single_run_hands_over_parameters_and_its_request(house, monkeypatch):
     stages, since = seen[1][3]
     assert stages == "cem,dagger"
     assert since > 0.0
-    assert not recompute.request_file("smoke").exists(), "it is done"
+    assert not recompute.request_file("smoke-02").exists(), "it is done"
+    # Nor does it touch what make figures has left unfinished.
+    since = recompute.begin_request("all", "smoke")
+    assert batch.main([*run, "--recompute", "cem"]) == 0
+    assert recompute.begin_request("all", "smoke") == since
 
 
 def test_a_run_within_a_request_does_not_end_it(house, monkeypatch):

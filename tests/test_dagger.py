@@ -155,6 +155,9 @@ def test_the_rounds_may_get_a_fixed_share_of_the_batches():
     for share in (-0.1, 1.1, float("nan")):
         with pytest.raises(ParameterError, match="rounds_share"):
             window_shares(sources, ages, 1.0, 3, first=2, rounds_share=share)
+    for first in (0, 4):
+        with pytest.raises(ParameterError, match=f"first is {first}: expected 1 to 3"):
+            window_shares(sources, ages, 1.0, 3, first=first, rounds_share=0.4)
 
 
 def test_recording_gives_the_steps_after_the_hand_over():

@@ -102,6 +102,12 @@ def test_more_rounds_than_the_schedule_has_are_refused_before_any_work(stages, a
     assert not asked
 
 
+@pytest.mark.parametrize("count", [-1, 0, 3])
+def test_rounds_that_the_schedule_does_not_have_are_refused(stages, count):
+    with pytest.raises(ParameterError, match=f"rounds is {count}: expected 1 to 2"):
+        dagger_pipeline.dagger(stages, rounds=count)
+
+
 def test_runs_of_the_notebook_are_those_asked_for_one_by_one(stages, asked):
     found = runs(stages)
     assert [item.index for item in found.wide] == [1, 2]

@@ -148,6 +148,14 @@ def test_notes_stand_in_the_reason(provenance):
     assert gain["thesis_value"] == "101 to 126"
 
 
+def test_a_gain_that_the_thesis_has_no_number_for_has_no_verdict_either(provenance):
+    numbers.record_gain("08-toy", "Figure 5.8", "x", trial([20, 40, 50]), trial([60, 70, 90]),
+                        provenance, thesis=None)  # fmt: skip
+    (record,) = stored()
+    assert (record["thesis_value"], record["verdict"]) == (None, "not comparable")
+    assert record["value"] == 40
+
+
 def test_gain_refuses_other_seeds():
     with pytest.raises(ShapeError, match="trials of 2 and 3 seeds: expected the same seeds"):
         numbers.improvement(trial([20, 40]), trial([20, 40, 60]))

@@ -172,6 +172,10 @@ def window_shares(
         ParameterError: If beta or the share of the rounds is out of range.
     """
     check_shares(decay, rounds_share)
+    if rounds_share is not None and not 0 < first < len(sources):
+        raise ParameterError(
+            f"first is {first}: expected 1 to {len(sources) - 1}, so that each part has a recording"
+        )
     weights = np.array(
         [
             len(source.window_starts(length)) * decay**age

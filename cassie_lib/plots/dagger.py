@@ -107,16 +107,19 @@ def plot_progress(
             for place, (label, trials) in enumerate(runs.items())}  # fmt: skip
     tones = dict(zip(runs, COLOURS.values(), strict=False))
     axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
-    axes[0].plot([], [], "^", color="black", ms=6, mfc="white", label="no fall up to the end")
+    axes[0].plot([], [], "^", color="black", ms=6, mfc="white", label="median reaches the end")
     axes[0].set(yscale="symlog", ylabel="control steps", title="planner-only steps")
-    least = min(int(t.planner_steps.min()) for made in runs.values() for t in made if t is not None)
+    least = min(
+        thesis_steps, *(int(t.planner_steps.min()) for made in runs.values() for t in made if t)
+    )
     axes[0].set_ylim(0.5 * least if least > 2 else 0, 2 * axes[0].get_ylim()[1])
     for label, found in errors.items():
         for (name, values), style in zip(found.items(), ("o--", "s-"), strict=False):
             axes[1].plot(np.arange(len(values)), values, style, ms=3.5, color=tones[label])
             data[f"{name}, {label}"] = {"round": np.arange(len(values)), "relative_error": values}
     _explain(axes[1], next(iter(errors.values())), "states of")
-    axes[1].set(yscale="log", ylabel="squared error / variance", title="error, last predicted step")
+    axes[1].set(yscale="log", ylabel="squared error / variance")
+    axes[1].set_title("error, last step,\nover the expert's variance")
     for label, made in rounds.items():
         numbers = np.array([item.index for item in made])
         for when, style in (("before", "o--"), ("after", "s-")):
@@ -126,7 +129,7 @@ def plot_progress(
                 "round": numbers, "relative_error": values
             }  # fmt: skip
     _explain(axes[2], ("before", "after"), "retraining")
-    axes[2].set(ylim=(0.0, None), title="the same on its new data")
+    axes[2].set(ylim=(0.0, None), title="on its new data,\nover their variance")
     for ax in axes:
         ax.set_xticks(range(max(len(trials) for trials in runs.values())))
         ax.set_xlabel("round")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,8 @@ from matplotlib.figure import Figure
 from cassie_lib.dynamics.evaluation import CONSTANT, OpenLoop
 from cassie_lib.dynamics.evaluation import GROUPS as ORDERS
 from cassie_lib.dynamics.normalisation import Normalisation
-from cassie_lib.errors import DataError
 from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
+from cassie_lib.plots.transformer import read_log
 from cassie_lib.robot.schema import DERIVATIVE_ORDER, GROUPS, PHYSICAL, STATE_SIZE
 
 Drawn = tuple[Figure, Mapping[str, Any]]
@@ -32,19 +31,7 @@ def read_curves(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     Raises:
         DataError: If it is no training log.
     """
-    found: dict[str, list[tuple[int, float]]] = {}
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                found.setdefault(row["metric"], []).append(
-                    (int(row["epoch"]) + 1, float(row["value"]))
-                )
-    except (OSError, KeyError, TypeError, ValueError):
-        raise DataError(f"{path.name} cannot be read: expected a training log") from None
-    return {
-        name: (np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
-        for name, rows in found.items()
-    }
+    return {name: (found.epoch.astype(int), found.value) for name, found in read_log(path).items()}
 
 
 def no_change_loss(result: OpenLoop, normalisation: Normalisation) -> np.ndarray:

@@ -161,7 +161,7 @@ def record_gain(
     after: PlannedEpisodes,
     provenance: Provenance,
     *,
-    thesis: str = "126 to 155",
+    thesis: str | None = "126 to 155",
     note: str = "",
 ) -> str:
     """Record what a change gained in planner-only steps: median over the differences of each seed.
@@ -174,7 +174,7 @@ def record_gain(
         before: Episodes before the change (of model or planner).
         after: Episodes of the same seeds after it.
         provenance: Of the notebook.
-        thesis: The thesis's numbers.
+        thesis: The thesis's numbers; None where it has none.
         note: What else the table's reader must know.
 
     Returns:
@@ -189,6 +189,8 @@ def record_gain(
         limit = min(before.planner_limit, after.planner_limit)
         if min(before.planner_steps.min(), after.planner_steps.min()) >= limit:
             verdict, reason = "not comparable", "nothing to gain: no seed falls without it either"
+    if thesis is None:
+        verdict = "not comparable"
     reason = "; ".join(filter(None, (reason, "median of the seeds' own differences", note)))
     record_result(
         claim_id, figure, provenance.preset, median, (low, high), len(after.planner_steps),

@@ -147,7 +147,7 @@ def plot_rewards(
 
 
 def plot_imagined(trials: Mapping[str, PlannedEpisodes], horizon: int) -> Drawn:
-    """Imagined against realised return of every plan, and their difference before a fall.
+    """Imagined against realised return of every plan, and their difference before the end.
 
     Both are Eq 3.11 over the reward that the planner maximises, foot term included, without the
     critic.  The plan is made anew at every step, so the realised return is not that of the plan
@@ -167,7 +167,7 @@ def plot_imagined(trials: Mapping[str, PlannedEpisodes], horizon: int) -> Drawn:
         before, error = _optimism(found, horizon)
         right.plot(before, error, "-", color=tone, label=label)
         data[label] = {"imagined": imagined, "realised": realised}
-        data[f"{label}, before a fall"] = {"steps_before_end": before, "median_difference": error}
+        data[f"{label}, before the end"] = {"steps_before_end": before, "median_difference": error}
     low, high = left.get_xlim()
     left.plot([low, high], [low, high], "-", color="0.5", lw=0.8, label="equal")
     left.set(xlabel="realised return of the plan's steps", ylabel="imagined return")

@@ -51,7 +51,7 @@ def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest_on_its_o
     assert [item.index for item in found.wide] == [1, 2], "the whole schedule"
     assert len(found.trials.wide) == 3
     padded = trials["wide 2", "padded", 0.0]
-    assert (padded.model, padded.protocol.steps) == ("wide 2", 100)
+    assert (padded.model, padded.protocol.steps) == ("wide 2", stages.evaluation.last_round_steps)
     pushed = trials["wide 2", "handover", 20.0]
     assert (pushed.model, pushed.protocol.steps) == ("wide 2", stages.evaluation.steps)
 

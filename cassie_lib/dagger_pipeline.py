@@ -68,18 +68,22 @@ class RoundTrials(NamedTuple):
     """Gradient-CEM's episodes before and after the rounds.
 
     Attributes:
-        wide: Round 0 first.
-        narrow, decayed: The same from the model that has seen the expert's walk alone.
+        wide: Round 0 first; not the last one, whose trial is the padded one.
+        narrow, decayed: From the model that has seen the expert's walk alone; all rounds.
         control: After its retraining. All up to here are of one length, so that their planner-only
             steps compare seed by seed.
-        padded: After the last round, begun without any expert: the longest.
-        pushed: After the last round, under the push.
+        narrow_zero, control_zero: With plans that begin at the thesis's zero mean, where the robot
+            soon falls: shorter and more of them. Before all of the narrow rounds and after them.
+        padded: After the last wide round, begun without any expert: the longest.
+        pushed: After the last wide round, under the push.
     """
 
     wide: list[Trial]
     narrow: list[Trial]
     decayed: list[Trial]
     control: Trial
+    narrow_zero: list[Trial]
+    control_zero: Trial
     padded: Trial
     pushed: Trial
 
@@ -168,10 +172,16 @@ def _wanted_trials(
         _Wanted("wide", "padded", last): {"start": "padded", "steps": sizes.last_round_steps},
         _Wanted("wide", "pushed", last): {"push_Ns": push_Ns, "steps": sizes.steps},
     }
+    zero = {
+        "steps": sizes.ablation_steps, "episodes": sizes.zero_seeds, "changes": {"mean": "zero"}
+    }  # fmt: skip
     for name, chain in chains.items():
         # The model before the rounds is the same for all that begin without wide data.
-        for index in range(0 if name in ("wide", "narrow") else 1, chain["rounds"] + 1):
+        first, end = int(name in ("decayed", "control")), chain["rounds"] + (name != "wide")
+        for index in range(first, end):
             wanted[_Wanted(name, "plain", index)] = {"steps": sizes.planner_steps}
+    for name, index in (("narrow", 0), ("narrow", chains["narrow"]["rounds"]), ("control", 1)):
+        wanted[_Wanted(name, "zero mean", index)] = zero
     return wanted
 
 
@@ -183,13 +193,15 @@ def _trial_after(preset: Preset, chain: dict[str, Any], index: int, options: dic
 
 
 def _by_chain(found: dict[_Wanted, Trial], chains: dict[str, dict[str, Any]]) -> RoundTrials:
-    def plain(name: str) -> list[Trial]:
-        return [trial for item, trial in found.items() if item[:2] == (name, "plain")]
+    def rounds(name: str, kind: str = "plain") -> list[Trial]:
+        return [trial for item, trial in found.items() if item[:2] == (name, kind)]
 
-    last, narrow = chains["wide"]["rounds"], plain("narrow")
+    last, narrow = chains["wide"]["rounds"], rounds("narrow")
     return RoundTrials(
-        plain("wide"), narrow, [narrow[0], *plain("decayed")],
+        rounds("wide"), narrow, [narrow[0], *rounds("decayed")],
         control=found[_Wanted("control", "plain", 1)],
+        narrow_zero=rounds("narrow", "zero mean"),
+        control_zero=found[_Wanted("control", "zero mean", 1)],
         padded=found[_Wanted("wide", "padded", last)],
         pushed=found[_Wanted("wide", "pushed", last)],
     )  # fmt: skip

@@ -151,6 +151,7 @@ def _smoke() -> Preset:
         evaluation=EvaluationParameters(
             seeds=2,
             expert_seeds=2,
+            zero_seeds=2,
             steps=120,
             short_steps=120,
             planner_steps=90,

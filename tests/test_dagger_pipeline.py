@@ -30,9 +30,11 @@ def tried(stages, asked, monkeypatch):
 
     monkeypatch.setattr(dagger_pipeline, "dagger", rounds)
     found = runs(stages, narrow_rounds=2)
+    usual = stages.gradient_cem.mean
     return found, {
         (item.upstream[1] if item.stage == "dagger" else item.upstream[1].key,
-         item.protocol.start, item.protocol.push_Ns): item for item in asked
+         item.protocol.start if item.parameters.mean == usual else item.parameters.mean,
+         item.protocol.push_Ns): item for item in asked
     }  # fmt: skip
 
 
@@ -45,11 +47,12 @@ def runs(preset, narrow_rounds=1):
 def test_rounds_are_tried_with_their_own_model_and_the_last_one_longest_on_its_own(stages, tried):
     found, trials = tried
     wide = pipeline.causal_artifact(stages).key
-    walks = [trials[key, "handover", 0.0] for key in (wide, "wide 1", "wide 2")]
-    assert [item.protocol.steps for item in walks] == [30, 30, 30]
-    assert [item.model for item in walks[1:]] == ["wide 1", "wide 2"]
+    walks = [trials[key, "handover", 0.0] for key in (wide, "wide 1")]
+    assert [item.protocol.steps for item in walks] == [30, 30]
+    assert walks[1].model == "wide 1"
     assert [item.index for item in found.wide] == [1, 2], "the whole schedule"
-    assert len(found.trials.wide) == 3
+    assert len(found.trials.wide) == 2
+    assert ("wide 2", "handover", 0.0) not in trials, "its trial is the padded one"
     padded = trials["wide 2", "padded", 0.0]
     assert (padded.model, padded.protocol.steps) == ("wide 2", stages.evaluation.last_round_steps)
     pushed = trials["wide 2", "handover", 20.0]
@@ -68,6 +71,21 @@ def test_rounds_of_the_narrow_model_are_tried_for_the_same_length(stages, tried)
     assert [len(tried) for tried in (made.narrow, made.decayed)] == [3, 2]
     assert made.narrow[0] is made.decayed[0]
     assert [len(chain) for chain in (found.narrow, found.decayed, found.control)] == [2, 1, 1]
+
+
+def test_more_seeds_begin_at_the_zero_mean_before_and_after_the_rounds_and_in_the_control(
+    stages, tried
+):
+    found, trials = tried
+    before = pipeline.causal_artifact(stages, wide=False).key
+    zero = [trials[key, "zero", 0.0] for key in (before, "thin 2", "alone 1")]
+    assert sum(key[1] == "zero" for key in trials) == len(zero)
+    sizes = stages.evaluation
+    assert {item.protocol.steps for item in zero} == {sizes.ablation_steps}
+    assert {item.protocol.episodes for item in zero} == {sizes.zero_seeds}
+    assert {item.protocol.start for item in zero} == {"handover"}
+    assert [item.model for item in zero[1:]] == ["thin 2", "alone 1"]
+    assert len(found.trials.narrow_zero) == 2
 
 
 def test_dagger_begins_with_what_the_model_was_made_of(stages):

@@ -60,6 +60,12 @@ def test_panels_are_rounds_0_1_2_and_the_last(walks, count, rounds):
         assert axes.get_xlim()[1] >= STEPS
 
 
+def test_rounds_without_a_trial_have_no_panel(walks):
+    figure, data = plots.plot_round_rewards([walks[0], None, walks[2]], {"pi*": 0.97}, 50)
+    assert list(data) == ["round 0", "round 2"]
+    assert [axes.get_title()[:7] for axes in figure.axes] == ["round 0", "round 2"]
+
+
 def test_errors_on_planner_states_are_over_the_variance_of_the_expert():
     trials = [trial([40, 52]), trial([40, 52])]
     # The second planner strays twice as far from its gait as the first.
@@ -104,7 +110,8 @@ def test_progress_draws_medians_intervals_and_errors(walks, tmp_path):
             "before": [0.0, 1.0 * i], "after": [0.0, 0.5 * i]}}})
         for i in (1, 2)
     ]  # fmt: skip
-    figure, data = plots.plot_progress(runs, {"keep": errors}, {"keep": rounds}, 155)
+    zero = {"decay": [trial([2, 3, 9]), None]}
+    figure, data = plots.plot_progress(runs, {"keep": errors}, {"keep": rounds}, 155, zero)
     left, middle, right = figure.axes
     assert data["keep"]["median"].tolist() == [4, 14, 24]
     bounds = np.array([bootstrap_interval(found.planner_steps) for found in walks[:3]]).T
@@ -113,6 +120,11 @@ def test_progress_draws_medians_intervals_and_errors(walks, tmp_path):
     np.testing.assert_array_equal(drawn["keep"].lines[0].get_ydata(), [4, 14, 24])
     np.testing.assert_array_equal(drawn["keep"].lines[0].get_xdata(), [0, 1, 2])
     assert (np.array(drawn["decay"].lines[0].get_xdata()) > [0, 1]).all(), "beside each other"
+    dotted = left.containers[-1].lines[0]
+    assert (dotted.get_ydata().tolist(), data["decay, zero mean"]["median"].tolist()) == ([3], [3])
+    assert dotted.get_color() == drawn["decay"].lines[0].get_color(), "the same run"
+    assert dotted.get_linestyle() != drawn["decay"].lines[0].get_linestyle()
+    assert left.get_ylim()[0] <= 2, "the worst seed is within the picture"
     caps = [line.get_ydata() for line in drawn["keep"].lines[1]]
     np.testing.assert_allclose(caps, bounds)
     assert lines(left)["thesis (total)"] == ([2], [155])

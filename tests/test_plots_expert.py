@@ -8,7 +8,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from recording_toys import band, lines, saved, toy_recording
+from recording_toys import lines, saved, toy_recording
 
 from cassie_lib.errors import DataError
 from cassie_lib.expert import trials
@@ -127,16 +127,20 @@ def test_a_single_policy_can_be_drawn_too():
     assert len(figure.axes) == 2
 
 
-def test_speeds_are_drawn_as_median_and_range_of_the_upright(tmp_path):
+def test_speeds_are_drawn_less_their_command_as_median_and_range_of_the_upright(tmp_path):
     measured = [np.array([0.04, 0.05, 0.09]), np.array([0.4, np.nan, 0.6])]
     figure, data = plots.plot_speed_tracking((0.05, 0.5), measured)
     bars = figure.axes[0].containers[0]
-    np.testing.assert_allclose(bars.lines[0].get_xydata(), [[0.05, 0.05], [0.5, 0.5]])
+    np.testing.assert_allclose(bars.lines[0].get_xydata(), [[0.05, 0.0], [0.5, 0.0]], atol=1e-12)
     low, high = (line.get_xydata()[:, 1] for line in bars.lines[1])
-    np.testing.assert_allclose(low, [0.04, 0.4])
-    np.testing.assert_allclose(high, [0.09, 0.6])
-    accepted = band(figure.axes[0])
-    np.testing.assert_allclose(accepted, [[-0.05, 0.45], [0.05, 0.55]])
+    np.testing.assert_allclose(low, [-0.01, -0.1])
+    np.testing.assert_allclose(high, [0.04, 0.1])
+    below, above = figure.axes[0].get_ylim()
+    assert below < -0.1 < 0.1 < above, "every seed is within the picture"
+    accepted = figure.axes[0].patches[0].get_extents().transformed(
+        figure.axes[0].transData.inverted()
+    )
+    np.testing.assert_allclose([accepted.y0, accepted.y1], [-0.05, 0.05])
     found = saved(write_plotted_data(tmp_path, "f", data))[""]
     assert found["least_mps"] == [0.04, 0.4]
     assert found["greatest_mps"] == [0.09, 0.6]

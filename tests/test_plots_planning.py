@@ -11,6 +11,7 @@ from recording_toys import band, lines, saved, toy_trial
 from cassie_lib.figures import write_plotted_data
 from cassie_lib.planning.cost_sweep import GradientCost, Sweep
 from cassie_lib.plots import planning as plots
+from cassie_lib.plots.planning_costs import plot_costs
 from cassie_lib.reward import WEIGHTS
 
 mpl.use("agg")
@@ -151,7 +152,7 @@ def test_costs_are_drawn_in_milliseconds_and_megabytes(tmp_path):
               Sweep("H", values, np.full(3, 0.3))]  # fmt: skip
     assert [sweep.exponent for sweep in sweeps] == pytest.approx([1.0, 2.0, 0.0], abs=1e-9)
     gradients = [GradientCost(50, 2**20, 0.1), GradientCost(1000, 20 * 2**20, 2.0)]
-    figure, data = plots.plot_costs(sweeps, gradients)
+    figure, data = plot_costs(sweeps, gradients)
     for axes, sweep in zip(figure.axes, sweeps, strict=False):
         measured, proportional = (line.get_ydata() for line in axes.get_lines())
         np.testing.assert_allclose(measured, 1e3 * sweep.seconds)

@@ -80,6 +80,7 @@ class EvaluationParameters:
     planner_steps: int = 560  # of Gradient-CEM's episodes, hand-over included
     cem_steps: int = 330  # of CEM's
     ablation_steps: int = 170  # of the trials with another initial mean
+    zero_seeds: int = 30  # of DAgger's trials at the zero mean: some seeds last a cycle longer
     last_round_steps: int = 3060  # after the last DAgger round, begun without the expert
     oracle_seeds: int = 2  # CEM on the true simulator
     oracle_steps: int = 80

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from cassie_lib.errors import ShapeError
 from cassie_lib.figures import COLUMN_WIDTH_IN
 from cassie_lib.gait import GaitReference
+from cassie_lib.plots.planning import TONES
 from cassie_lib.robot.schema import ACTION_SIZE, MOTOR_NAMES, PERIOD
 
 #: Hip roll, hip pitch, knee and foot of the left leg; the yaw hardly moves.
@@ -41,7 +42,7 @@ def plot_action_cycles(
     for ax, joint in zip(axes.flat, SHOWN_JOINTS, strict=True):
         ax.axvspan(swing[0] - 0.5, swing[-1] + 0.5, color="0.9", lw=0, label="left foot swings")
         for label, cycle in cycles.items():
-            ax.plot(phase, cycle[:, joint], label=label)
+            ax.plot(phase, cycle[:, joint], label=label, color=TONES.get(label))
             data.setdefault(label, {"phase": phase})[MOTOR_NAMES[joint]] = cycle[:, joint]
         ax.set(title=MOTOR_NAMES[joint], xlim=(0, PERIOD - 1))
     for ax in axes[-1]:

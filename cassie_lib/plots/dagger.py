@@ -23,25 +23,27 @@ from cassie_lib.robot.rendering import pictures
 Drawn = tuple[Figure, Mapping[str, Any]]
 #: Panels of the rewards: rounds 0, 1, 2 (the thesis's budget) and the last one.
 SHOWN_ROUNDS = (0, 1, 2, -1)
+#: Of the runs in order; the thesis's star is purple.
+_RUN_TONES = [COLOURS[name] for name in ("blue", "orange", "green", "vermillion", "sky", "black")]
 
 
 def plot_round_rewards(
-    trials: Sequence[PlannedEpisodes], lines: Mapping[str, float], thesis_fall: int
+    trials: Sequence[PlannedEpisodes | None], lines: Mapping[str, float], thesis_fall: int
 ) -> Drawn:
     """Reward until the fall or the end after rounds 0, 1, 2 and the last one (Figure 5.8).
 
     Args:
-        trials: Gradient-CEM after each round, round 0 first.
+        trials: Gradient-CEM after each round, round 0 first, None where there is none.
         lines: Reward per step of the baselines by name.
         thesis_fall: Control step at which the thesis's robot fell after two rounds.
     """
-    rounds = sorted({place % len(trials) for place in SHOWN_ROUNDS if place < len(trials)})
+    places = {place % len(trials) for place in SHOWN_ROUNDS if place < len(trials)}
+    shown = {place: found for place in sorted(places) if (found := trials[place]) is not None}
     figure, axes = plt.subplots(
-        len(rounds), 1, figsize=(COLUMN_WIDTH_IN, 1.0 + 1.55 * len(rounds)), squeeze=False
+        len(shown), 1, figsize=(COLUMN_WIDTH_IN, 1.0 + 1.55 * len(shown)), squeeze=False
     )
     data = {}
-    for ax, index in zip(axes[:, 0], rounds, strict=True):
-        found = trials[index]
+    for ax, (index, found) in zip(axes[:, 0], shown.items(), strict=True):
         data[f"round {index}"] = reward_panel(ax, found, lines, thesis_fall=thesis_fall)
         begun = "" if found.log.handover_step else ", begun without the expert"
         ax.set_title(f"round {index}{begun}: median of {np.median(found.planner_steps):g} "
@@ -93,6 +95,7 @@ def plot_progress(
     errors: Mapping[str, Mapping[str, np.ndarray]],
     rounds: Mapping[str, Sequence[Round]],
     thesis_steps: int,
+    zero: Mapping[str, Sequence[PlannedEpisodes | None]],
 ) -> Drawn:
     """Planner-only steps and model errors against the round; a run has one colour in all panels.
 
@@ -101,18 +104,11 @@ def plot_progress(
         errors: Of :func:`planner_errors` by label, for some of the runs.
         rounds: The rounds, with their reports, by label, for some of the runs.
         thesis_steps: Of the thesis after two rounds.
+        zero: As ``runs``, for some of them, with plans that begin at the zero mean.
     """
     figure, axes = plt.subplots(1, 3, figsize=(COLUMN_WIDTH_IN, 3.1), width_ratios=(1.3, 1, 1))
-    data: dict[str, Any] = {label: _steps_panel(axes[0], label, trials, place)
-            for place, (label, trials) in enumerate(runs.items())}  # fmt: skip
-    tones = dict(zip(runs, COLOURS.values(), strict=False))
-    axes[0].plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
-    axes[0].plot([], [], "^", color="black", ms=6, mfc="white", label="median reaches the end")
-    axes[0].set(yscale="symlog", ylabel="control steps", title="planner-only steps")
-    least = min(
-        thesis_steps, *(int(t.planner_steps.min()) for made in runs.values() for t in made if t)
-    )
-    axes[0].set_ylim(0.5 * least if least > 2 else 0, 2 * axes[0].get_ylim()[1])
+    tones = dict(zip(runs, _RUN_TONES, strict=False))
+    data = _all_steps(axes[0], runs, zero, tones, thesis_steps)
     for label, found in errors.items():
         for (name, values), style in zip(found.items(), ("o--", "s-"), strict=False):
             axes[1].plot(np.arange(len(values)), values, style, ms=3.5, color=tones[label])
@@ -144,9 +140,39 @@ def _explain(ax: Axes, names: Iterable[str], title: str) -> None:
     ax.legend(title=title, title_fontsize=6.5, fontsize=6.5)
 
 
-def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes | None], place: int):
+def _all_steps(
+    ax: Axes,
+    runs: Mapping[str, Sequence[PlannedEpisodes | None]],
+    zero: Mapping[str, Sequence[PlannedEpisodes | None]],
+    tones: Mapping[str, str],
+    thesis_steps: int,
+) -> dict[str, Any]:
+    """Planner-only steps of all runs: dotted where the plans begin at the zero mean."""
+    data: dict[str, Any] = {}
+    for place, (label, tone) in enumerate(tones.items()):
+        style = "-o" if place == 0 else "--s"
+        data[label] = _steps(ax, runs[label], tone, style, 0.12 * place, label)
+        if label in zero:
+            data[f"{label}, zero mean"] = _steps(ax, zero[label], tone, ":D", 0.12 * place)
+    ax.plot([], [], ":D", color="0.35", ms=3.5, label="plans begun at the zero mean")
+    ax.plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
+    ax.plot([], [], "^", color="black", ms=6, mfc="white", label="median reaches the end")
+    ax.set(yscale="symlog", ylabel="control steps", title="planner-only steps")
+    tried = [trial for made in (*runs.values(), *zero.values()) for trial in made if trial]
+    least = min(thesis_steps, *(int(trial.planner_steps.min()) for trial in tried))
+    ax.set_ylim(0.5 * least if least > 2 else 0, 2 * ax.get_ylim()[1])
+    return data
+
+
+def _steps(
+    ax: Axes,
+    trials: Sequence[PlannedEpisodes | None],
+    tone: str,
+    style: str,
+    shift: float,
+    label: str | None = None,
+) -> dict[str, np.ndarray]:
     """Median, interval and seeds of planner-only steps; a triangle where the trial ended first."""
-    tone, shift = list(COLOURS.values())[place], 0.12 * place
     made = {index: found for index, found in enumerate(trials) if found is not None}
     rounds = np.array(list(made))
     numbers = rounds + shift
@@ -155,8 +181,8 @@ def _steps_panel(ax: Axes, label: str, trials: Sequence[PlannedEpisodes | None],
     bounds = np.array([bootstrap_interval(values) for values in steps]).T
     for number, values in zip(numbers, steps, strict=True):
         ax.plot(np.full(len(values), number), values, ".", color=tone, ms=3, alpha=0.35)
-    ax.errorbar(numbers, middle, np.abs(bounds - middle), fmt="-o" if place == 0 else "--s",
-                color=tone, capsize=3, ms=4, label=label)  # fmt: skip
+    ax.errorbar(numbers, middle, np.abs(bounds - middle), fmt=style, color=tone, capsize=3, ms=4,
+                label=label)  # fmt: skip
     ends = np.array([found.planner_limit for found in made.values()])
     lasting = middle >= ends
     ax.plot(numbers[lasting], middle[lasting], "^", color=tone, ms=6, mfc="white", zorder=4)

@@ -62,9 +62,11 @@ def draw_pipeline() -> Drawn:
         axes.text(*place, text, ha="left", va="bottom" if place[1] > 0.5 else "center")
     # s_{t+1} goes back to the policy above the boxes.
     left, right, top = _BOXES["policy"][0], _BOXES["robot"][0], 0.92
-    axes.plot([right, right, left], [0.78, top, top], color="black", linestyle="-", linewidth=1)
-    axes.annotate("", xy=(left, 0.78), xytext=(left, top + 0.005),
-                  arrowprops={"arrowstyle": "->"})  # fmt: skip
+    # From the middle of the box, which covers the line's first part.
+    path = [_BOXES["robot"][1], top, top]
+    axes.plot([right, right, left], path, "-", color="black", linewidth=1, zorder=1)
+    axes.annotate("", xy=_BOXES["policy"][:2], xytext=(left, top + 0.005),
+                  arrowprops=_arrow_style(patchB=boxes["policy"].get_bbox_patch()))  # fmt: skip
     axes.text((left + right) / 2, top - 0.02, "$s_{t+1}$ every 0.03 s, until a fall or the limit",
               ha="center", va="top", fontsize=7.5)  # fmt: skip
     edges = [*((a, b, t) for a, b, t, _ in _ARROWS), ("robot", "policy", "$s_{t+1}$")]
@@ -75,9 +77,15 @@ def draw_pipeline() -> Drawn:
 def _arrow(axes: Axes, boxes: Mapping[str, Any], start: str, end: str) -> None:
     axes.annotate(
         "", xy=_BOXES[end][:2], xytext=_BOXES[start][:2],
-        arrowprops={"arrowstyle": "->", "patchA": boxes[start].get_bbox_patch(),
-                    "patchB": boxes[end].get_bbox_patch(), "shrinkA": 0, "shrinkB": 0},
+        arrowprops=_arrow_style(
+            patchA=boxes[start].get_bbox_patch(), patchB=boxes[end].get_bbox_patch()
+        ),
     )  # fmt: skip
+
+
+def _arrow_style(**patches) -> dict[str, Any]:
+    """An arrow that begins and ends at the edges of the boxes it joins."""
+    return {"arrowstyle": "->", "shrinkA": 0, "shrinkB": 0, **patches}
 
 
 def plot_noise(levels: Sequence[NoiseLevel], study: Episodes, shown: Sequence[float]) -> Drawn:

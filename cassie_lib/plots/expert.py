@@ -76,11 +76,11 @@ def plot_learning_curves(logs: dict[str, dict[str, np.ndarray]], standing_reward
         data[label] = {"minutes": minutes, "reward": reward, "failures_per_step": failures}
     left.axhline(standing_reward, color="0.4", ls=":", lw=1.0)
     left.text(0.0, standing_reward, " standing still", fontsize=6, va="bottom", color="0.3")
-    left.set_ylabel("Eq 3.10 per step, with noise")
+    left.set_ylabel("plain Eq 3.10 per step, with noise")
     right.set_ylabel("failures per control step")
     for ax in (left, right):
         ax.set_xlabel("wall clock (min, 2 cores)")
-    left.legend(loc="lower right", fontsize=6.5)
+    left.legend(loc="lower right", fontsize=6.5, title="trained on", title_fontsize=6.5)
     return figure, data
 
 
@@ -150,7 +150,7 @@ def plot_foot_heights(recordings: dict[str, Recording], steps: slice, episode: i
 
 
 def plot_speed_tracking(speeds, measured):
-    """Mean forward speed against the commanded one.
+    """Mean forward speed less the commanded one, against that.
 
     Args:
         speeds: Commanded speeds, m/s.
@@ -161,16 +161,19 @@ def plot_speed_tracking(speeds, measured):
     """
     import matplotlib.pyplot as plt
 
-    figure, ax = plt.subplots(figsize=(0.55 * COLUMN_WIDTH_IN, 2.6))
-    line = np.array([0.0, max(speeds)])
-    ax.fill_between(line, line - 0.05, line + 0.05, color="0.9", label="±0.05 m/s")
+    figure, ax = plt.subplots(figsize=(0.65 * COLUMN_WIDTH_IN, 2.3))
+    speeds = np.asarray(speeds)
+    ax.axhspan(-0.05, 0.05, color="0.92", lw=0, label="±0.05 m/s")
+    ax.axhline(0.0, color="0.5", lw=0.8)
     median = np.array([np.nanmedian(values) for values in measured])
     low = np.array([np.nanmin(values) for values in measured])
     high = np.array([np.nanmax(values) for values in measured])
-    ax.errorbar(speeds, median, [median - low, high - median], fmt="o", color=COLOURS["blue"],
-                capsize=3, label="median and range")  # fmt: skip
-    ax.set_xlabel("commanded speed (m/s)")
-    ax.set_ylabel("mean forward speed (m/s)")
-    ax.legend(loc="upper left")
-    return figure, {"commanded_mps": np.asarray(speeds), "median_mps": median, "least_mps": low,
+    ax.errorbar(speeds, median - speeds, [median - low, high - median], fmt="o", ms=4,
+                color=COLOURS["blue"], capsize=3, label="median and range of seeds")  # fmt: skip
+    reach = 1.3 * max(0.05, float(np.nanmax(np.abs([low - speeds, high - speeds]))))
+    ax.set_ylim(-reach, 1.4 * reach)  # room for the legend
+    ax.set_xlabel("commanded forward speed (m/s)")
+    ax.set_ylabel("mean speed − command (m/s)")
+    ax.legend(loc="upper center", ncols=2, fontsize=6.5)
+    return figure, {"commanded_mps": speeds, "median_mps": median, "least_mps": low,
                     "greatest_mps": high}  # fmt: skip

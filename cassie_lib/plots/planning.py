@@ -9,10 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator
 
 from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
-from cassie_lib.planning.cost_sweep import GradientCost, Sweep
 from cassie_lib.planning.episodes import PlannedEpisodes
 from cassie_lib.reward import WEIGHTS
 from cassie_lib.robot.schema import PERIOD
@@ -20,7 +18,16 @@ from cassie_lib.robot.schema import PERIOD
 Drawn = tuple[Figure, Mapping[str, Any]]
 #: Lines across reward figures.
 _LINES = {"pi*": (COLOURS["green"], "--"), "standing still": ("0.35", ":")}
-_SYMBOL = {"pi*": "π*", "tau": "τ"}
+_SYMBOL = {"pi*": "π*"}
+#: One colour for one thing, in every figure of the planners.
+TONES = {
+    "feedforward": COLOURS["blue"],
+    "true simulator": COLOURS["orange"],
+    "expert": COLOURS["green"],
+    "zero": COLOURS["vermillion"],
+    "warm": COLOURS["sky"],
+    "reference": COLOURS["black"],
+}
 
 
 def reward_panel(
@@ -85,9 +92,16 @@ def panels_legend(figure: Figure, panels: Sequence[Axes]) -> None:
 
 
 def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[str, Any]:
-    """Share of seeds upright against planner-only control steps, one line per trial."""
+    """Share of seeds upright against planner-only control steps, one line per trial.
+
+    Args:
+        axes: Where to draw.
+        trials: By label; ``"zero mean"`` and the like have the colour of :data:`TONES`.
+
+    Returns:
+        The plotted columns by label.
+    """
     data = {}
-    tones = list(COLOURS.values())
     for index, (label, found) in enumerate(trials.items()):
         total = found.planner_limit
         steps = np.arange(total + 1)
@@ -95,7 +109,8 @@ def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[st
         share = (found.planner_steps[:, None] >= steps).mean(axis=0)
         style = ("-", "--", "-.", ":")[index % 4]
         # Later lines are thinner: those that coincide show through one another.
-        tone, width = tones[index % len(tones)], max(1.0, 4.0 - 0.6 * index)
+        other = list(COLOURS.values())[index % len(COLOURS)]
+        tone, width = TONES.get(label.removesuffix(" mean"), other), max(1.0, 4.0 - 0.6 * index)
         axes.plot(steps, share, style, color=tone, lw=width, label=label, drawstyle="steps-post")
         if share[-1] > 0:
             axes.plot(steps[-1], share[-1], ">", color=tone, ms=max(3.0, 9.0 - 1.2 * index))
@@ -129,7 +144,7 @@ def plot_rewards(
     )
     top = reward_panel(axes[0], learned, lines, thesis_fall=thesis_fall)
     steps = oracle.recording.actions.shape[1]
-    middle = reward_panel(axes[1], oracle, lines, colour=COLOURS["orange"],
+    middle = reward_panel(axes[1], oracle, lines, colour=TONES["true simulator"],
                           thesis_fall=thesis_fall if thesis_fall < steps else None)  # fmt: skip
     seeds, few = len(learned.recording.length), len(oracle.recording.length)
     axes[0].set_title(f"planning on the learned model, {seeds} seeds")
@@ -213,39 +228,4 @@ def plot_fall_terms(found: PlannedEpisodes, reach: int = 2 * PERIOD) -> Drawn:
     ended = f"the fall ({chosen.sum()} seeds)" if recording.fell.any() else "the end (no fall)"
     ax.set(xlabel=f"control steps before {ended}", ylabel="term / its weight")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure, data
-
-
-def plot_costs(sweeps: Sequence[Sweep], gradients: Sequence[GradientCost]) -> Drawn:
-    """Time of a plan against N, tau and H; memory and time of gradients on K and on N."""
-    figure, axes = plt.subplots(2, 2, figsize=(COLUMN_WIDTH_IN, 4.2))
-    data: dict[str, dict[str, Any]] = {}
-    labels = {"N": "samples N", "tau": "horizon τ (control steps)", "H": "context H (states)"}
-    for ax, sweep in zip(axes.flat, sweeps, strict=False):
-        ax.loglog(sweep.values, 1e3 * sweep.seconds, "o-", color=COLOURS["blue"], ms=4)
-        linear = 1e3 * sweep.seconds[-1] * sweep.values / sweep.values[-1]
-        ax.loglog(sweep.values, linear, ":", color="0.5", label="proportional")
-        ax.set_xticks(sweep.values, [str(value) for value in sweep.values])
-        # A few hundred milliseconds hold one power of ten at most: 1, 2 and 5 of each are named.
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ax.minorticks_off()
-        ax.set(xlabel=labels[sweep.name], ylabel="one plan, C = 1 (ms)")
-        ax.set_title(f"time ∝ {_SYMBOL.get(sweep.name, sweep.name)}$^{{{sweep.exponent:.2f}}}$")
-        ax.legend()
-        data[f"plan against {sweep.name}"] = {"value": sweep.values, "seconds": sweep.seconds}
-    ax, places = axes[1, 1], np.arange(len(gradients))
-    memory = [item.memory_bytes / 2**20 for item in gradients]
-    bars = ax.bar(places, memory, 0.55, color=COLOURS["sky"])
-    times = [f"{item.seconds:.2g} s" for item in gradients]
-    texts = [f"{size:.3g} MB\n{time}" for size, time in zip(memory, times, strict=True)]
-    ax.bar_label(bars, texts, fontsize=7)
-    ax.set_xticks(places, [f"{item.sequences} sequences" for item in gradients])
-    ax.set(ylabel="memory held (MB)", title="one gradient of the return", yscale="log")
-    ax.set_ylim(0.3 * min(memory), 8 * max(memory))
-    data["gradient"] = {
-        "sequences": [item.sequences for item in gradients],
-        "memory_bytes": [item.memory_bytes for item in gradients],
-        "seconds": [item.seconds for item in gradients],
-    }
     return figure, data

@@ -110,6 +110,9 @@ def plot_reference(reference: GaitReference):
     strip.set_ylim(-0.05, 1.25)
     strip.set_xlim(-0.45, _SPACING_M * (len(_STRIP) - 1) + 0.45)
     strip.grid(visible=False)
+    for tone, name in ((COLOURS["blue"], "left leg"), (COLOURS["vermillion"], "right leg")):
+        strip.plot([], [], "-", color=tone, label=name)
+    strip.legend(loc="center right", fontsize=6.5)
     phases = np.arange(PERIOD + 1)
     offset = reference.motor_position - robot.neutral_pose()
     offset = np.vstack([offset, offset[:1]])

@@ -22,6 +22,7 @@ from cassie_lib.errors import CassieError, ParameterError, unknown_name
 from cassie_lib.files import write_text
 from cassie_lib.presets import resolve
 from cassie_lib.provenance import CHANGED
+from cassie_lib.results import only_claims_made_inside
 from cassie_lib.stamps import inputs_hash, write_stamp
 
 
@@ -192,7 +193,7 @@ def run_notebook(
     print(f"[{notebook.stem}] started, preset {preset}", flush=True)
     begun, inputs = time.time(), inputs_hash(notebook)
     try:
-        with _environment(environment):
+        with _environment(environment), only_claims_made_inside(preset, notebook.name[:2]):
             papermill.execute_notebook(
                 notebook, partial, injected, kernel_name="python3", language="python",
                 cwd=paths.NOTEBOOKS, progress_bar=_progress(notebook.stem), start_timeout=180,

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +20,8 @@ from cassie_lib.provenance import changed_parameters
 
 VERDICTS = ("reproduced", "better", "not reproduced", "not comparable")
 BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
+#: File to which :func:`record_result` adds the ids that it writes.
+MADE = "CASSIE_CLAIM_LOG"
 _CLAIM = re.compile(r"\d\d-[a-z0-9]+(-[a-z0-9]+)*")
 _COLUMNS = ("Thesis", "Claim", "Notebook", "Command", "Minutes here (cached / from nothing)")
 _COMPARED = (*_COLUMNS, "Thesis's number", "Ours [95 % interval]", "Verdict")
@@ -121,7 +127,37 @@ def record_result(
     with locked(paths.CACHE / "locks" / f"results-{preset}.lock", "it writes results.json"):
         others = [item for item in read_results(preset) if item["id"] != claim_id]
         write_json(results_file(preset), sorted([*others, record], key=lambda item: item["id"]))
+    if os.environ.get(MADE):
+        with open(os.environ[MADE], "a", encoding="utf-8") as file:
+            file.write(f"{claim_id}\n")
     return record
+
+
+@contextmanager
+def only_claims_made_inside(preset: str, number: str) -> Iterator[None]:
+    """Forget the records of a notebook that it has not written inside, once it has passed.
+
+    Otherwise a claim that a notebook no longer makes would stay in the table for ever.
+
+    Args:
+        preset: Name of the preset.
+        number: Of the notebook, two digits.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "claims"
+        before, os.environ[MADE] = os.environ.get(MADE), str(log)
+        try:
+            yield
+        finally:
+            os.environ.pop(MADE)
+            if before is not None:
+                os.environ[MADE] = before
+        made = set(log.read_text(encoding="utf-8").split()) if log.exists() else set()
+    with locked(paths.CACHE / "locks" / f"results-{preset}.lock", "it writes results.json"):
+        records = read_results(preset)
+        kept = [item for item in records if item["id"] in made or item["id"][:2] != number]
+        if len(kept) < len(records):
+            write_json(results_file(preset), kept)
 
 
 def _notebook(number: str) -> str:

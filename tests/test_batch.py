@@ -14,7 +14,7 @@ import nbformat
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-from cassie_lib import artifacts, batch, gallery, notebook_run, paths, stamps
+from cassie_lib import artifacts, batch, gallery, notebook_run, paths, results, stamps
 from cassie_lib.artifacts import recompute
 from cassie_lib.artifacts.side_by_side import PROCESSES
 from cassie_lib.errors import DataError, ParameterError, UnknownNameError
@@ -128,6 +128,33 @@ def test_a_run_is_executed_cleaned_and_put_where_its_preset_belongs(house):
     page = (index.parent / "01_house.html").read_text()
     assert "<math" in page
     assert "$x_1$" not in page
+
+
+def claim(*names):
+    """A cell that records these claims."""
+    calls = [f"record_result({name!r}, 'Figure 1', 'laptop', 1.0, None, 1, '', 0.0, 2.0, 'better')"
+             for name in names]  # fmt: skip
+    return "from cassie_lib.results import record_result\n" + "\n".join(calls)
+
+
+def test_a_claim_that_a_notebook_no_longer_makes_is_forgotten_once_it_has_passed(house):
+    def recorded():
+        return [item["id"] for item in results.read_results("laptop")]
+
+    write_notebook(house, "01", last=claim("01-stays", "01-goes"))
+    write_notebook(house, "02", last=claim("02-other"))
+    for number in ("01", "02"):
+        notebook_run.run_notebook(number)
+    write_notebook(house, "01", last=claim("01-stays") + "\nraise ValueError")
+    with pytest.raises(notebook_run.NotebookError):
+        notebook_run.run_notebook("01")
+    assert recorded() == ["01-goes", "01-stays", "02-other"], "a failed run proves nothing"
+    write_notebook(house, "01", last=claim("01-stays"))
+    notebook_run.run_notebook("01", parameters={"SEEDS": 3})
+    assert recorded() == ["01-goes", "01-stays", "02-other"], "its results are elsewhere"
+    notebook_run.run_notebook("01")
+    assert recorded() == ["01-stays", "02-other"]
+    assert results.MADE not in os.environ
 
 
 def test_only_laptop_runs_compute_side_by_side(house, monkeypatch):

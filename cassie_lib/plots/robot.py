@@ -108,7 +108,7 @@ def plot_reference(reference: GaitReference):
     strip.set_xticks([])
     strip.set_ylabel("height (m)")
     strip.set_ylim(-0.05, 1.25)
-    strip.set_xlim(-0.45, _SPACING_M * (len(_STRIP) - 1) + 0.45)
+    strip.set_xlim(-0.45, _SPACING_M * (len(_STRIP) - 1) + 0.85)  # room for the legend
     strip.grid(visible=False)
     for tone, name in ((COLOURS["blue"], "left leg"), (COLOURS["vermillion"], "right leg")):
         strip.plot([], [], "-", color=tone, label=name)

@@ -35,7 +35,9 @@ TRAININGS = {
     "its gain over CEM": "07-beyond-cem",
     "gained by its two rounds": "08-gain-without-wide-data",
     "gained by them at the zero mean, 30 seeds": "08-gain-without-wide-data-zero-mean",
-    "of that, beyond as much training without their data": "08-gain-of-the-data-zero-mean",
+    "their gain over as much training without their data, zero mean, 30 seeds": (
+        "08-gain-of-the-data-zero-mean"
+    ),
 }
 
 
@@ -52,21 +54,25 @@ def test_medians_by_round_are_the_stored_ones():
     (shown,) = re.findall(r"^\| model without wide data: [^|]*\| ([^|]*) \|", TEXT, re.M)
     records = {item["id"]: item for item in results.read_results("laptop")}
     reason = records["08-gain-without-wide-data"]["reason"]
-    medians = reason.split("medians by round: ")[1].split(", control ")[0].split(" to ")
+    medians = reason.split("medians by round: ")[1].split("; control ")[0].split(", ")
     assert shown.split(", ") == medians
     before, one, two = (int(float(median) + 0.5) for median in medians)
     screen = " ".join(TEXT.split("## Results")[0].split())
-    assert f"median of {before} steps, of {one} after one round and of {two} after two" in screen
+    assert f"lasts {before} steps, {one} after one round and {two} after two" in screen
 
 
 def test_medians_at_the_zero_mean_are_the_stored_ones():
     records = {item["id"]: item for item in results.read_results("laptop")}
     reason = records["08-gain-without-wide-data-zero-mean"]["reason"]
-    shown = re.search(r"by round: (\S+) to (\S+), control ([\d.]+)", reason)
+    shown = re.search(r"before and after: (\S+), (\S+); control ([\d.]+)", reason)
     before, after, control = shown.groups()
+    gain = records["08-gain-of-the-data-zero-mean"]
+    low, high = gain["interval"]
     screen = " ".join(TEXT.split("## Results")[0].split())
-    assert f"median of {before} steps, after the thesis's two rounds {after} " in screen
-    assert f"and {control} after as many more steps of training" in screen
+    after_two = "after two rounds, as many as in the thesis,"
+    assert f"median of {before} steps; {after_two} {after} " in screen
+    assert f"lasts {control}; seed by seed the data are worth {gain['value']:g} steps" in screen
+    assert f"steps [{low:g}, {high:g}]" in screen
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(\w+)`", NOTATION))))

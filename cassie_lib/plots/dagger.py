@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, SymmetricalLogLocator
 
 from cassie_lib.dagger import Round, to_transitions
 from cassie_lib.dynamics.evaluation import CONSTANT, open_loop
@@ -44,10 +45,15 @@ def plot_round_rewards(
     )
     data = {}
     for ax, (index, found) in zip(axes[:, 0], shown.items(), strict=True):
-        data[f"round {index}"] = reward_panel(ax, found, lines, thesis_fall=thesis_fall)
+        # The thesis's robot fell there after two rounds.
+        fall = thesis_fall if index == 2 else None
+        data[f"round {index}"] = reward_panel(ax, found, lines, thesis_fall=fall)
         begun = "" if found.log.handover_step else ", begun without the expert"
-        ax.set_title(f"round {index}{begun}: median of {np.median(found.planner_steps):g} "
-                     "planner-only steps")  # fmt: skip
+        steps = np.median(found.planner_steps)
+        told = f"median of {steps:g} planner-only steps"
+        if steps >= found.planner_limit:
+            told = f"median upright to the end, {steps:g} planner-only steps"
+        ax.set_title(f"round {index}{begun}: {told}")
         ax.set_xlim(0, 1.01 * found.recording.actions.shape[1])
     axes[-1, 0].set_xlabel("control step (0.03 s each)")
     panels_legend(figure, axes[:, 0])
@@ -126,6 +132,7 @@ def plot_progress(
             }  # fmt: skip
     _explain(axes[2], ("before", "after"), "retraining")
     axes[2].set(ylim=(0.0, None), title="on its new data,\nover their variance")
+    axes[2].set_ylabel("squared error / variance")
     for ax in axes:
         ax.set_xticks(range(max(len(trials) for trials in runs.values())))
         ax.set_xlabel("round")
@@ -137,7 +144,7 @@ def _explain(ax: Axes, names: Iterable[str], title: str) -> None:
     """Legend of the two lines of a panel, whatever the colour: dashed first, then solid."""
     for name, style in zip(names, ("o--", "s-"), strict=False):
         ax.plot([], [], style, ms=3.5, color="0.35", label=name.removesuffix(" states"))
-    ax.legend(title=title, title_fontsize=6.5, fontsize=6.5)
+    ax.legend(title=title, title_fontsize=6.5, fontsize=6.5, handlelength=3.2)
 
 
 def _all_steps(
@@ -157,7 +164,11 @@ def _all_steps(
     ax.plot([], [], ":D", color="0.35", ms=3.5, label="plans begun at the zero mean")
     ax.plot(2, thesis_steps, "*", color=COLOURS["purple"], ms=9, label="thesis (total)")
     ax.plot([], [], "^", color="black", ms=6, mfc="white", label="median reaches the end")
-    ax.set(yscale="symlog", ylabel="control steps", title="planner-only steps")
+    ax.set(yscale="symlog", ylabel="control steps")
+    ax.set_title("planner-only steps:\nmedian, interval, seeds")
+    # A few hundred steps hold one power of ten: 1, 2 and 5 of each are named.
+    ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=2, subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     tried = [trial for made in (*runs.values(), *zero.values()) for trial in made if trial]
     least = min(thesis_steps, *(int(trial.planner_steps.min()) for trial in tried))
     ax.set_ylim(0.5 * least if least > 2 else 0, 2 * ax.get_ylim()[1])
@@ -181,9 +192,12 @@ def _steps(
     bounds = np.array([bootstrap_interval(values) for values in steps]).T
     for number, values in zip(numbers, steps, strict=True):
         ax.plot(np.full(len(values), number), values, ".", color=tone, ms=3, alpha=0.35)
-    ax.errorbar(numbers, middle, np.abs(bounds - middle), fmt=style, color=tone, capsize=3, ms=4,
-                label=label)  # fmt: skip
     ends = np.array([found.planner_limit for found in made.values()])
+    # Trials of another length do not compare: no line leads there.
+    parts = np.split(np.arange(len(rounds)), np.flatnonzero(np.diff(ends)) + 1)
+    for place, part in enumerate(parts):
+        ax.errorbar(numbers[part], middle[part], np.abs(bounds - middle)[:, part], fmt=style,
+                    color=tone, capsize=3, ms=4, label=label if place == 0 else None)  # fmt: skip
     lasting = middle >= ends
     ax.plot(numbers[lasting], middle[lasting], "^", color=tone, ms=6, mfc="white", zorder=4)
     return {"round": rounds, "median": middle, "low": bounds[0], "high": bounds[1],

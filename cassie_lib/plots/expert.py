@@ -75,7 +75,8 @@ def plot_learning_curves(logs: dict[str, dict[str, np.ndarray]], standing_reward
         right.semilogy(minutes, np.maximum(failures, 1e-5), label=label)
         data[label] = {"minutes": minutes, "reward": reward, "failures_per_step": failures}
     left.axhline(standing_reward, color="0.4", ls=":", lw=1.0)
-    left.text(0.0, standing_reward, " standing still", fontsize=6, va="bottom", color="0.3")
+    left.text(1.0, standing_reward, "standing still", fontsize=6, ha="right", va="bottom",
+              color="0.3", transform=left.get_yaxis_transform())  # fmt: skip
     left.set_ylabel("plain Eq 3.10 per step, with noise")
     right.set_ylabel("failures per control step")
     for ax in (left, right):

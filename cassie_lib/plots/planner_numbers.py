@@ -163,11 +163,13 @@ def record_gain(
     *,
     thesis: str | None = "126 to 155",
     note: str = "",
+    control: PlannedEpisodes | None = None,
 ) -> str:
     """Record what a change gained in planner-only steps: median over the differences of each seed.
 
     Reproduced when the whole interval is above zero; not comparable when no robot falls before or
-    after the change, so that there was nothing to gain.
+    after the change, so that there was nothing to gain, and when a control without the change gains
+    as much.
 
     Args:
         claim_id, figure, claim: As for ``record_result``.
@@ -176,6 +178,7 @@ def record_gain(
         provenance: Of the notebook.
         thesis: The thesis's numbers; None where it has none.
         note: What else the table's reader must know.
+        control: Episodes of the same seeds with everything but what the change is said to be.
 
     Returns:
         One line for the reader.
@@ -189,16 +192,22 @@ def record_gain(
         limit = min(before.planner_limit, after.planner_limit)
         if min(before.planner_steps.min(), after.planner_steps.min()) >= limit:
             verdict, reason = "not comparable", "nothing to gain: no seed falls without it either"
+    if verdict == "reproduced" and control is not None and improvement(control, after)[1] <= 0:
+        verdict, reason = "not comparable", "the control gains as much"
     if thesis is None:
         verdict = "not comparable"
-    reason = "; ".join(filter(None, (reason, "median of the seeds' own differences", note)))
+    share = stepping_share(after)
+    still = "no seed lifts both feet in any cycle" if np.nanmax(share, initial=0.0) == 0 else ""
+    how = "median of the seeds' own differences"
+    reason = "; ".join(filter(None, (reason, still, how, note)))
     record_result(
         claim_id, figure, provenance.preset, median, (low, high), len(after.planner_steps),
         after.recording.protocol, provenance.from_nothing_s, thesis, verdict,
         claim=claim, unit="steps", reason=reason,
     )  # fmt: skip
     reason = f" ({reason})"
-    return f"{claim}: {median:+g} (95 % interval {low:+g} to {high:+g}): {verdict}{reason}"
+    told = verdict if thesis is not None else "the thesis has no number"
+    return f"{claim}: {median:+g} (95 % interval {low:+g} to {high:+g}): {told}{reason}"
 
 
 def steps_table(trials: Mapping[str, PlannedEpisodes], limit: int = 0):

@@ -37,7 +37,7 @@ def plot_costs(
         ax.legend()
         data[f"plan against {sweep.name}"] = {"value": sweep.values, "seconds": sweep.seconds}
     ax, places = axes[1, 1], np.arange(len(gradients))
-    memory = [item.memory_bytes / 2**20 for item in gradients]
+    memory = [item.memory_bytes / 1e6 for item in gradients]
     bars = ax.bar(places, memory, 0.55, color=COLOURS["sky"])
     times = [f"{item.seconds:.2g} s" for item in gradients]
     texts = [f"{size:.3g} MB\n{time}" for size, time in zip(memory, times, strict=True)]

@@ -151,7 +151,7 @@ def test_costs_are_drawn_in_milliseconds_and_megabytes(tmp_path):
     sweeps = [Sweep("N", values, 0.002 * values), Sweep("tau", values, 1e-4 * values**2.0),
               Sweep("H", values, np.full(3, 0.3))]  # fmt: skip
     assert [sweep.exponent for sweep in sweeps] == pytest.approx([1.0, 2.0, 0.0], abs=1e-9)
-    gradients = [GradientCost(50, 2**20, 0.1), GradientCost(1000, 20 * 2**20, 2.0)]
+    gradients = [GradientCost(50, 10**6, 0.1), GradientCost(1000, 20 * 10**6, 2.0)]
     figure, data = plot_costs(sweeps, gradients)
     for axes, sweep in zip(figure.axes, sweeps, strict=False):
         measured, proportional = (line.get_ydata() for line in axes.get_lines())
@@ -162,7 +162,7 @@ def test_costs_are_drawn_in_milliseconds_and_megabytes(tmp_path):
     bars = figure.axes[3].patches
     assert [bar.get_height() for bar in bars] == pytest.approx([1.0, 20.0])
     found = saved(write_plotted_data(tmp_path, "f", data))["gradient"]
-    assert found["memory_bytes"] == [2**20, 20 * 2**20]
+    assert found["memory_bytes"] == [10**6, 20 * 10**6]
     assert found["seconds"] == [0.1, 2.0]
 
 

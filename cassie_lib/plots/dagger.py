@@ -131,7 +131,8 @@ def plot_progress(
                 "round": numbers, "relative_error": values
             }  # fmt: skip
     _explain(axes[2], ("before", "after"), "retraining")
-    axes[2].set(ylim=(0.0, None), title="on its new data,\nover their variance")
+    axes[2].set(ylim=(0.0, 1.35 * axes[2].get_ylim()[1]))  # room for the legend
+    axes[2].set_title("on its new data,\nover their variance")
     axes[2].set_ylabel("squared error / variance")
     for ax in axes:
         ax.set_xticks(range(max(len(trials) for trials in runs.values())))

@@ -106,7 +106,7 @@ def plot_noise(levels: Sequence[NoiseLevel], study: Episodes, shown: Sequence[fl
     left.set(xlabel="action noise $\\sigma$ (rad)", ylabel="episodes that fall (%)",
              ylim=(-3, 103))  # fmt: skip
     middle.plot(sigma, 1e3 * spread, marker="o", markersize=3)
-    middle.set(xlabel="action noise $\\sigma$ (rad)", ylabel="foot path spread (mm)",
+    middle.set(xlabel="action noise $\\sigma$ (rad)", ylabel="foot path spread, RMS (mm)",
                ylim=(0, None))  # fmt: skip
     for level, colour in zip(reversed(sorted(shown)), ("sky", "orange", "black"), strict=False):
         x, z = _left_foot_path(study, level)
@@ -114,7 +114,9 @@ def plot_noise(levels: Sequence[NoiseLevel], study: Episodes, shown: Sequence[fl
                    alpha=0.7, label=f"$\\sigma$ = {level:g} rad")  # fmt: skip
     right.set(xlabel="foot fore-aft (cm)", ylabel="left sole height (cm)")
     handles, labels = right.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    legend = figure.legend(handles, labels, loc="outside upper right", ncols=3, title="(c)")
+    for handle in legend.get_lines():
+        handle.set(linewidth=1.5, alpha=1.0)  # as thin as the paths they could not be told apart
     for axes, letter in zip((left, middle, right), "abc", strict=True):
         axes.set_title(f"({letter})", loc="left")
     data = {

@@ -107,7 +107,7 @@ def plot_group_errors(models: Mapping[str, OpenLoop], steps: Sequence[int]) -> D
     groups = [group for group in GROUPS if group.slice.start < PHYSICAL.stop]
     names = [group.name.replace("unactuated ", "") for group in groups]
     figure, panels = plt.subplots(
-        1, len(steps), figsize=(COLUMN_WIDTH_IN, 2.7), sharey=True, squeeze=False
+        1, len(steps), figsize=(COLUMN_WIDTH_IN, 2.7), sharex=True, sharey=True, squeeze=False
     )
     table: dict[str, dict[str, Any]] = {}
     for axes, step in zip(panels[0], steps, strict=True):

@@ -101,7 +101,7 @@ def plot_state_prediction(
     mark_increments(axes, thesis)
     add_epochs(axes, thesis)
     axes.set(yscale="log", xlabel="training time (min, 1 core)", ylabel="Eq 3.6, raw units")
-    figure.legend(loc="outside lower center", ncols=3)
+    figure.legend(loc="outside lower center", ncols=2)
     return figure, table
 
 

@@ -22,7 +22,7 @@ from cassie_lib.errors import CassieError, ParameterError, unknown_name
 from cassie_lib.files import write_text
 from cassie_lib.presets import resolve
 from cassie_lib.provenance import CHANGED
-from cassie_lib.results import only_claims_made_inside
+from cassie_lib.results import MADE, forget_other_claims
 from cassie_lib.stamps import inputs_hash, write_stamp
 
 
@@ -177,11 +177,13 @@ def run_notebook(
     check_parameters(notebook, injected)
     target = paths.executed_folder(preset, bool(changed)) / notebook.name
     partial = paths.CACHE / "running" / f"{preset}-{os.getpid()}-{notebook.name}"
-    used = partial.with_suffix(".artifacts")
+    used, made = partial.with_suffix(".artifacts"), partial.with_suffix(".claims")
     partial.parent.mkdir(parents=True, exist_ok=True)
-    used.unlink(missing_ok=True)  # of a killed process that had the same number
+    for log in (used, made):
+        log.unlink(missing_ok=True)  # of a killed process that had the same number
     environment: dict[str, str | None] = {
         USED: str(used),
+        MADE: str(made),
         CHANGED: json.dumps(changed),
         REQUEST: recompute[0] if recompute else os.environ.get(REQUEST),
         SINCE: repr(recompute[1]) if recompute else os.environ.get(SINCE),
@@ -193,17 +195,19 @@ def run_notebook(
     print(f"[{notebook.stem}] started, preset {preset}", flush=True)
     begun, inputs = time.time(), inputs_hash(notebook)
     try:
-        with _environment(environment), only_claims_made_inside(preset, notebook.name[:2]):
+        with _environment(environment):
             papermill.execute_notebook(
                 notebook, partial, injected, kernel_name="python3", language="python",
                 cwd=paths.NOTEBOOKS, progress_bar=_progress(notebook.stem), start_timeout=180,
                 config=_kernel_settings(),
             )  # fmt: skip
+            forget_other_claims(preset, notebook.name[:2], made)
     except (papermill.PapermillExecutionError, DeadKernelError) as error:
         failed = paths.CACHE / "failed" / notebook.name
         failed.parent.mkdir(parents=True, exist_ok=True)
         partial.replace(failed)
         used.unlink(missing_ok=True)
+        made.unlink(missing_ok=True)
         what = ": its kernel was killed, perhaps for want of memory; run again, it goes on"
         if isinstance(error, papermill.PapermillExecutionError):
             what = f", In [{error.exec_count}]: {error.ename}: {error.evalue}"
@@ -217,6 +221,7 @@ def run_notebook(
         lines = used.read_text(encoding="utf-8").splitlines() if used.exists() else []
         write_stamp(stamp, inputs, lines)
     used.unlink(missing_ok=True)
+    made.unlink(missing_ok=True)
     print(f"[{notebook.stem}] done in {seconds / 60:.1f} min: {short_path(target)}", flush=True)
     return target
 

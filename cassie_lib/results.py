@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -133,29 +130,20 @@ def record_result(
     return record
 
 
-@contextmanager
-def only_claims_made_inside(preset: str, number: str) -> Iterator[None]:
-    """Forget the records of a notebook that it has not written inside, once it has passed.
+def forget_other_claims(preset: str, number: str, made: Path) -> None:
+    """Forget the records of a notebook that it has not written in the run that has just passed.
 
     Otherwise a claim that a notebook no longer makes would stay in the table for ever.
 
     Args:
         preset: Name of the preset.
         number: Of the notebook, two digits.
+        made: File that :data:`MADE` named during the run.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "claims"
-        before, os.environ[MADE] = os.environ.get(MADE), str(log)
-        try:
-            yield
-        finally:
-            os.environ.pop(MADE)
-            if before is not None:
-                os.environ[MADE] = before
-        made = set(log.read_text(encoding="utf-8").split()) if log.exists() else set()
+    ids = set(made.read_text(encoding="utf-8").split()) if made.exists() else set()
     with locked(paths.CACHE / "locks" / f"results-{preset}.lock", "it writes results.json"):
         records = read_results(preset)
-        kept = [item for item in records if item["id"] in made or item["id"][:2] != number]
+        kept = [item for item in records if item["id"] in ids or item["id"][:2] != number]
         if len(kept) < len(records):
             write_json(results_file(preset), kept)
 

@@ -156,6 +156,34 @@ def test_a_gain_that_the_thesis_has_no_number_for_has_no_verdict_either(provenan
     assert record["value"] == 40
 
 
+@pytest.mark.parametrize(
+    ("control", "verdict"),
+    [([25, 45, 55, 60], "reproduced"), ([60, 70, 90, 95], "not comparable"),
+     ([80, 90, 99, 99], "not comparable")],
+)  # fmt: skip
+def test_a_gain_that_the_control_reaches_as_well_is_not_reproduced(control, verdict, provenance):
+    line = numbers.record_gain("08-toy", "Figure 5.8", "x", trial([20, 40, 50, 60]),
+                               trial([60, 70, 90, 95]), provenance,
+                               control=trial(control))  # fmt: skip
+    (record,) = stored()
+    assert record["verdict"] == verdict
+    assert ("the control gains as much" in record["reason"]) == (verdict == "not comparable")
+    assert record["value"] == 37.5, "the gain itself stays"
+    assert verdict in line
+
+
+@pytest.mark.parametrize(
+    ("steps", "lift_m", "told"), [(90, 0.0, True), (90, 0.1, False), (PERIOD - 2, 0.0, False)]
+)
+def test_a_gain_says_when_nobody_steps_and_not_when_no_cycle_could_tell(
+    steps, lift_m, told, provenance
+):
+    later = trial([steps] * 4, lift_m=lift_m)
+    numbers.record_gain("08-toy", "Figure 5.8", "x", trial([9] * 4), later, provenance)
+    (record,) = stored()
+    assert ("no seed lifts both feet in any cycle" in record["reason"]) == told
+
+
 def test_gain_refuses_other_seeds():
     with pytest.raises(ShapeError, match="trials of 2 and 3 seeds: expected the same seeds"):
         numbers.improvement(trial([20, 40]), trial([20, 40, 60]))

@@ -197,7 +197,9 @@ def record_gain(
     if thesis is None:
         verdict = "not comparable"
     share = stepping_share(after)
-    still = "no seed lifts both feet in any cycle" if np.nanmax(share, initial=0.0) == 0 else ""
+    # Of a seed that falls within its first cycle the share says nothing.
+    walked = share[np.isfinite(share)]
+    still = "no seed lifts both feet in any cycle" if len(walked) and not walked.any() else ""
     how = "median of the seeds' own differences"
     reason = "; ".join(filter(None, (reason, still, how, note)))
     record_result(

@@ -23,7 +23,9 @@ def test_an_increment_after_the_last_epoch_is_not_drawn(increments, drawn):
         curves["increment"] = (np.array(increments, float), np.arange(len(increments)) + 2.0)
     losses = {name: np.array([0.1, 0.2, 0.3]) for name in sets}
     figure, data = plots.plot_curriculum(curves, losses, losses)
-    red = [line.get_xdata()[0] for line in figure.axes[0].get_lines() if line.get_color() == "red"]
-    assert red == drawn
+    marks = [line.get_xdata() for line in figure.axes[0].get_lines() if len(line.get_xdata()) == 2]
+    assert [mark[0] for mark in marks if mark[0] == mark[1]] == drawn
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert named.count("one step more is predicted") == bool(drawn)
     np.testing.assert_array_equal(data["test by step"]["loss"], losses["test"])
     plt.close("all")

@@ -89,7 +89,7 @@ def test_survival_counts_planner_steps_and_marks_those_who_never_fell(trial):
     np.testing.assert_allclose(share, [1] * 3 + [2 / 3] * 13 + [1 / 3] * 15)
     np.testing.assert_array_equal(share, data["walks"]["share_upright"])
     assert (np.diff(data["falls"]["share_upright"]) <= 0).all()
-    ends = [line for line in axes.get_lines() if line.get_marker() == ">"]
+    ends = [line for line in axes.get_lines() if line.get_marker() == ">" and len(line.get_xdata())]
     assert [line.get_xdata()[0] for line in ends] == [30], "only the first trial has survivors"
 
 
@@ -102,7 +102,9 @@ def test_reward_figure_holds_both_models_and_all_means(trial, tmp_path):
     np.testing.assert_array_equal(lines(middle)["median, while half are upright"][1],
                                   oracle.recording.reward[0])  # fmt: skip
     assert top.get_xlim() == middle.get_xlim(), "the shorter trial is drawn to the same scale"
-    assert {"warm", "true simulator"} <= set(lines(bottom))
+    assert {"warm", "true simulator,\n1 seed"} <= set(lines(bottom)), "other seeds are told"
+    shift = np.array(top.get_xlim()) - np.array(bottom.get_xlim())
+    np.testing.assert_allclose(shift, 10, err_msg="the hand-over is one line down the figure")
     found = saved(write_plotted_data(tmp_path, "f", data))
     assert set(found) == {"learned", "oracle", "upright, warm", "upright, true simulator"}
     np.testing.assert_allclose(found["oracle"]["median"], oracle.recording.reward[0])

@@ -15,7 +15,7 @@ from cassie_lib.dynamics.evaluation import CONSTANT, OpenLoop
 from cassie_lib.dynamics.evaluation import GROUPS as ORDERS
 from cassie_lib.dynamics.normalisation import Normalisation
 from cassie_lib.figures import COLOURS, COLUMN_WIDTH_IN
-from cassie_lib.plots.transformer import read_log
+from cassie_lib.plots.transformer import mark_increments, read_log
 from cassie_lib.robot.schema import DERIVATIVE_ORDER, GROUPS, PHYSICAL, STATE_SIZE
 
 Drawn = tuple[Figure, Mapping[str, Any]]
@@ -93,7 +93,7 @@ def plot_curriculum(
     """Learning curves over a growing number of predicted steps (Figure 5.2).
 
     Args:
-        curves: Of the run; red lines mark one more predicted step.
+        curves: Of the run; vertical lines mark one more predicted step.
         losses: Final loss at each predicted step ``(T,)`` by set.
         no_change: The same of predicting no change.
     """
@@ -105,8 +105,7 @@ def plot_curriculum(
         table[f"{name} curve"] = {"epoch": epochs, "loss": values}
     begun = curves.get("increment", (np.array([]),))[0]
     # An increment after the last epoch begins a step that was never trained.
-    for epoch in begun[begun < epochs[-1]]:
-        left.axvline(epoch + 0.5, color="red", linestyle="-", linewidth=0.7)
+    mark_increments(left, begun[begun < epochs[-1]] + 0.5)
     for name in losses:
         steps = np.arange(1, len(losses[name]) + 1)
         colour = COLOURS[_COLOURS[name]]
@@ -120,7 +119,7 @@ def plot_curriculum(
     right.set(yscale="log", xlabel="predicted step (0.03 s each)", ylabel="final loss of that step")
     handles, labels = left.get_legend_handles_labels()
     handles.append(left.plot([], [], color="grey", linestyle=":", linewidth=0.9)[0])
-    figure.legend(handles, [*labels, "predicting no change"], loc="outside upper center", ncols=4)
+    figure.legend(handles, [*labels, "predicting no change"], loc="outside upper center", ncols=3)
     return figure, table
 
 
@@ -142,8 +141,11 @@ def plot_group_errors(results: Mapping[str, Mapping[str, OpenLoop]]) -> Drawn:
         for colour, (label, errors) in zip([*colours[: len(models)], "black"], drawn.items(),
                                            strict=True):  # fmt: skip
             column = _by_order(errors, result.variance)
+            # The first model is drawn wider: where another covers it, its edges still show.
+            width = 3.0 if label == next(iter(drawn)) else 1.2
             for axes, values in zip(panels, list(column.values())[1:], strict=True):
-                curve = axes.plot(column["step"], values, color=colour, linestyle=line, label=label)
+                curve = axes.plot(column["step"], values, color=colour, linestyle=line,
+                                  linewidth=width, label=label)  # fmt: skip
             table[f"{label}, {set_name}"] = column
             handles += curve if line == "-" else []
         handles += panels[0].plot([], [], color="grey", linestyle=line, label=f"{set_name} set")

@@ -60,7 +60,8 @@ def reward_panel(
     # Of the last few seeds it would jump at every fall of another one.
     count = np.isfinite(upright).sum(axis=0)
     middle[2 * count < len(length)] = np.nan
-    axes.fill_between(steps, low, high, color=colour, alpha=0.25, lw=0, label="range of seeds")
+    # With an outline: the range of the last seed has no height.
+    axes.fill_between(steps, low, high, color=colour, alpha=0.25, lw=0.8, label="range of seeds")
     axes.plot(steps, middle, "-", color=colour, lw=0.9, label="median, while half are upright")
     for name, value in lines.items():
         tone, style = _LINES[name]
@@ -102,8 +103,10 @@ def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[st
         The plotted columns by label.
     """
     data = {}
+    usual = len(next(iter(trials.values())).planner_steps)
     for index, (label, found) in enumerate(trials.items()):
-        total = found.planner_limit
+        total, seeds = found.planner_limit, len(found.planner_steps)
+        told = label if seeds == usual else f"{label},\n{seeds} seed{'s' * (seeds > 1)}"
         steps = np.arange(total + 1)
         # Upright for at least so many steps; at the end all that have not fallen remain.
         share = (found.planner_steps[:, None] >= steps).mean(axis=0)
@@ -111,10 +114,11 @@ def survival_panel(axes: Axes, trials: Mapping[str, PlannedEpisodes]) -> dict[st
         # Later lines are thinner: those that coincide show through one another.
         other = list(COLOURS.values())[index % len(COLOURS)]
         tone, width = TONES.get(label.removesuffix(" mean"), other), max(1.0, 4.0 - 0.6 * index)
-        axes.plot(steps, share, style, color=tone, lw=width, label=label, drawstyle="steps-post")
+        axes.plot(steps, share, style, color=tone, lw=width, label=told, drawstyle="steps-post")
         if share[-1] > 0:
             axes.plot(steps[-1], share[-1], ">", color=tone, ms=max(3.0, 9.0 - 1.2 * index))
         data[label] = {"planner_steps": steps, "share_upright": share}
+    axes.plot([], [], ">", color="0.35", ms=5, label="still upright\nat the trial's end")
     axes.set(xlabel="planner-only control steps", ylabel="share of seeds upright")
     axes.set_xlim(left=0.0)
     axes.set_ylim(0.0, 1.05)
@@ -155,6 +159,8 @@ def plot_rewards(
     axes[1].axvspan(steps, axes[1].get_xlim()[1], color="0.93", lw=0)
     axes[1].text(steps, 0.05, "  not run: too expensive", fontsize=6.5, color="0.4")
     survival = survival_panel(axes[2], {**means, "true simulator": oracle})
+    # The planner's first step lies under the hand-over of the panels above.
+    axes[2].set_xlim(np.array(axes[0].get_xlim()) - learned.log.handover_step)
     panels_legend(figure, axes[:2])
     return figure, {"learned": top, "oracle": middle} | {
         f"upright, {name}": columns for name, columns in survival.items()

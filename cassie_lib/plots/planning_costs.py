@@ -38,7 +38,7 @@ def plot_costs(
         data[f"plan against {sweep.name}"] = {"value": sweep.values, "seconds": sweep.seconds}
     ax, places = axes[1, 1], np.arange(len(gradients))
     memory = [item.memory_bytes / 1e6 for item in gradients]
-    bars = ax.bar(places, memory, 0.55, color=COLOURS["sky"])
+    bars = ax.bar(places, memory, 0.55, color=COLOURS["blue"])
     times = [f"{item.seconds:.2g} s" for item in gradients]
     texts = [f"{size:.3g} MB\n{time}" for size, time in zip(memory, times, strict=True)]
     ax.bar_label(bars, texts, fontsize=7)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from cassie_lib.errors import DataError
@@ -55,11 +56,24 @@ def read_log(path: Path) -> dict[str, Curve]:
     return {name: Curve(*np.array(rows).T) for name, rows in found.items()}
 
 
-def mark_increments(axes: Axes, log: Log) -> None:
-    """Draw the thesis's red vertical line wherever one more step is predicted from then on."""
-    if "increment" in log:
-        for minutes in log["increment"].minutes:
-            axes.axvline(minutes, color="red", linestyle="-", linewidth=0.7, alpha=0.8)
+def mark_increments(axes: Axes, places: Iterable[float]) -> None:
+    """Draw a vertical line wherever one more step is predicted from then on.
+
+    The thesis draws them red; black dots are as plain in print and to the colour-blind.
+
+    Args:
+        axes: Where to draw.
+        places: Of the increments, on the horizontal axis.
+    """
+    label = "one step more is predicted"
+    for place in places:
+        axes.axvline(place, color="black", linestyle=(0, (1, 1.5)), linewidth=1.1, label=label)
+        label = "_"  # the legend names them once
+
+
+def _increments(log: Log) -> np.ndarray:
+    """Minutes at which a log's horizon grew; none in a log without a curriculum."""
+    return log["increment"].minutes if "increment" in log else np.array([])
 
 
 def add_epochs(axes: Axes, log: Log) -> None:
@@ -98,7 +112,7 @@ def plot_state_prediction(
         value = thesis_values[name]
         axes.axhline(value, color="0.4", linestyle=":" if line == "--" else "-.", linewidth=0.9,
                      label=f"thesis's {name}, {value:g} (unit unknown)")  # fmt: skip
-    mark_increments(axes, thesis)
+    mark_increments(axes, _increments(thesis))
     add_epochs(axes, thesis)
     axes.set(yscale="log", xlabel="training time (min, 1 core)", ylabel="Eq 3.6, raw units")
     figure.legend(loc="outside lower center", ncols=2)
@@ -121,7 +135,7 @@ def plot_penalised(log: Log) -> Drawn:
         curve = log[f"train/{metric}"]
         axes.plot(curve.minutes, curve.value, color=COLOURS[colour], linestyle=line, label=label)
         table[metric] = curve._asdict()
-    mark_increments(axes, log)
+    mark_increments(axes, _increments(log))
     add_epochs(axes, log)
     axes.set(yscale="log", xlabel="training time (min, 1 core)", ylabel="loss (normalised)")
     figure.legend(loc="outside lower center", ncols=3)
@@ -142,6 +156,7 @@ def plot_steps(thesis: Log, causal: Log, name: str) -> Drawn:
     logs = {THESIS_LABEL: thesis, CAUSAL_LABEL: causal}
     steps = sorted({int(key[len(prefix) :]) for log in logs.values() for key in log
                     if key.startswith(prefix)})  # fmt: skip
+    # The last shades of viridis are too bright for white paper.
     shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.92, len(steps)))
     for axes, (label, log) in zip(panels, logs.items(), strict=True):
         for step, shade in zip(steps, shades, strict=True):
@@ -150,10 +165,12 @@ def plot_steps(thesis: Log, causal: Log, name: str) -> Drawn:
                           marker="." if len(curve.value) == 1 else None)  # fmt: skip
                 table[f"{label}, step {step}"] = curve._asdict()
         axes.set(yscale="log", xlabel="training time (min, 1 core)", title=label)
-    mark_increments(panels[0], thesis)
+    mark_increments(panels[0], _increments(thesis))
     panels[0].set_ylabel(f"{name}, summand of Eq 3.6, raw units")
-    scale = plt.cm.ScalarMappable(plt.Normalize(steps[0], max(steps[-1], 2)), "viridis")
-    figure.colorbar(scale, ax=panels, label="predicted step", ticks=[steps[0], steps[-1]], pad=0.01)
+    edges = np.append(np.array(steps) - 0.5, steps[-1] + 0.5)
+    scale = plt.cm.ScalarMappable(BoundaryNorm(edges, len(steps)), ListedColormap(shades))
+    figure.colorbar(scale, ax=panels, label="predicted step", ticks=steps, pad=0.01)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center")
     return figure, table
 
 

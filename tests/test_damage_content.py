@@ -23,7 +23,7 @@ from cassie_lib.errors import (
     UnknownNameError,
 )
 from cassie_lib.files import sha256_file
-from cassie_lib.planning.packing import pack
+from cassie_lib.packing import pack
 
 
 def card(**changes):

@@ -13,11 +13,11 @@ from cassie_lib.artifacts import recompute
 from cassie_lib.artifacts.side_by_side import PROCESSES
 from cassie_lib.errors import ParameterError, UnknownNameError
 from cassie_lib.expert.trials import SPEEDS_MPS, run_trials
+from cassie_lib.packing import RELATIVE_ERROR
 from cassie_lib.planning.cem import MEANS
 from cassie_lib.planning.evaluate import Protocol, evaluate, run_protocol
 from cassie_lib.planning.feedforward import feedforward_cycle
 from cassie_lib.planning.oracle import OracleModel
-from cassie_lib.planning.packing import RELATIVE_ERROR
 from cassie_lib.presets import get_preset, replace
 from cassie_lib.walking import run_episodes
 

@@ -11,13 +11,13 @@ from cassie_lib.artifacts.manifest import content_digest, list_files
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ArtifactError, ParameterError
 from cassie_lib.expert.policy import Expert, ExpertPolicy
+from cassie_lib.packing import RELATIVE_ERROR
 from cassie_lib.planning import assemble
 from cassie_lib.planning.assemble import expert_cycle, make_planner
 from cassie_lib.planning.control import PlannerController
 from cassie_lib.planning.episodes import load_episodes, plan_episodes, save_episodes
 from cassie_lib.planning.gradient_cem import GradientCEM
 from cassie_lib.planning.oracle import OracleModel
-from cassie_lib.planning.packing import RELATIVE_ERROR
 from cassie_lib.planning.terminal import CriticValue
 from cassie_lib.presets import get_preset, replace
 from cassie_lib.robot.model import neutral_pose

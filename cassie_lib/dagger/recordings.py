@@ -11,10 +11,12 @@ import numpy as np
 from cassie_lib.dynamics.windows import Transitions
 from cassie_lib.errors import ArtifactError, CassieError, DataError, ParameterError
 from cassie_lib.files import UNREADABLE, replacing
+from cassie_lib.packing import packed, unpacked
 from cassie_lib.recording import Recording
 from cassie_lib.robot.schema import ACTION_SIZE
 
 _ARRAYS = tuple(field.name for field in fields(Transitions))
+_OVER_TIME = ("states", "actions")
 
 
 def to_transitions(recorded, begin: int = 0) -> Transitions:
@@ -48,10 +50,16 @@ def to_transitions(recorded, begin: int = 0) -> Transitions:
 
 
 def save_transitions(path: Path, transitions: Transitions) -> None:
-    """Write transitions to one ``.npz`` file, no pickle: the arrays by their names."""
+    """Write transitions to one ``.npz`` file, no pickle: the arrays by their names.
+
+    States and actions are packed (:mod:`cassie_lib.packing`): what comes back is within
+    :data:`~cassie_lib.packing.RELATIVE_ERROR`.
+    """
     arrays = {name: np.asarray(getattr(transitions, name)) for name in _ARRAYS}
+    # Time is the second dimension of what is packed.
+    arrays |= {name: arrays[name][None] for name in _OVER_TIME}
     with replacing(path) as partial:
-        np.savez_compressed(partial, allow_pickle=False, **arrays)
+        np.savez_compressed(partial, allow_pickle=False, **packed(arrays))
 
 
 def load_transitions(path: Path) -> Transitions:
@@ -62,7 +70,9 @@ def load_transitions(path: Path) -> Transitions:
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
-            return Transitions(**{name: stored[name] for name in _ARRAYS})
+            arrays = unpacked(stored)
+        arrays |= {name: arrays[name].reshape(-1, arrays[name].shape[-1]) for name in _OVER_TIME}
+        return Transitions(**{name: arrays[name] for name in _ARRAYS})
     except (*UNREADABLE, CassieError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ArtifactError(f"{path.name} holds no transitions: {reason}") from error

@@ -10,15 +10,12 @@ import numpy as np
 
 from cassie_lib.errors import ArtifactError, ShapeError
 from cassie_lib.files import UNREADABLE, replacing
+from cassie_lib.packing import packed, unpacked
 from cassie_lib.planning.control import PlanLog, PlannerController
-from cassie_lib.planning.packing import pack, unpack
 from cassie_lib.recording import Recording
 from cassie_lib.reward import WEIGHTS
 from cassie_lib.robot.schema import ACTION_SIZE, STATE_SIZE
 from cassie_lib.walking import run_episodes
-
-#: Begin the names of packed arrays and of their shapes in a file.
-_PACKED, _SHAPE = "packed_", "shape_"
 
 
 class PlannedEpisodes(NamedTuple):
@@ -70,7 +67,7 @@ def plan_episodes(controller: PlannerController, **options) -> PlannedEpisodes:
 def save_episodes(path: Path, found: PlannedEpisodes) -> None:
     """Write episodes to one ``.npz`` file, no pickle.
 
-    What lies over time is packed (:mod:`cassie_lib.planning.packing`), the planner's log is in
+    What lies over time is packed (:mod:`cassie_lib.packing`), the planner's log is in
     single precision.  Wall times of planning lie in a file beside it, ``timing_<name>.npy``: they
     are no part of the content, which comes out the same every time.
     """
@@ -79,12 +76,7 @@ def save_episodes(path: Path, found: PlannedEpisodes) -> None:
     for field in dataclasses.fields(recording):
         if field.name != "terms":
             arrays[field.name] = np.asarray(getattr(recording, field.name))
-    stored: dict[str, Any] = {}
-    for name, value in arrays.items():
-        if value.dtype == np.float64 and value.ndim >= 2:
-            stored[_PACKED + name], stored[_SHAPE + name] = pack(value), np.array(value.shape)
-        else:
-            stored[name] = value
+    stored: dict[str, Any] = dict(packed(arrays))
     columns = {name: np.asarray(value) for name, value in log._asdict().items()}
     times = columns.pop("plan_time_s").astype(np.float32)
     for name, series in columns.items():
@@ -98,18 +90,6 @@ def save_episodes(path: Path, found: PlannedEpisodes) -> None:
 
 def _timing_file(path: Path) -> Path:
     return path.with_name(f"timing_{path.stem}.npy")
-
-
-def _unpacked(stored: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Arrays by their own names."""
-    arrays: dict[str, Any] = {}
-    for name, value in stored.items():
-        if name.startswith(_PACKED):
-            own = name.removeprefix(_PACKED)
-            arrays[own] = unpack(value, tuple(stored[_SHAPE + own]))
-        elif not name.startswith(_SHAPE):
-            arrays[name] = value
-    return arrays
 
 
 def _check_shapes(recording: Recording, log: PlanLog) -> None:
@@ -146,7 +126,7 @@ def load_episodes(path: Path) -> PlannedEpisodes:
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = _unpacked({name: stored[name] for name in stored.files})
+            arrays: dict[str, Any] = dict(unpacked(stored))
         arrays["log_plan_time_s"] = np.load(_timing_file(path), allow_pickle=False)
         terms = {name: arrays.pop(f"term_{name}") for name in WEIGHTS}
         log = PlanLog(**{name: arrays.pop(f"log_{name}") for name in PlanLog._fields})

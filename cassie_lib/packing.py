@@ -1,13 +1,18 @@
 """Arrays over time in few bytes: rounded to 16 binary digits, then stored as changes.
 
-Long episodes are kept in git.  Their single-precision numbers hold seven more binary digits than
-anything that is drawn or reported from them, and those are noise that no compression removes.
+Long episodes are kept in git, and so are the transitions of DAgger's rounds.  Their
+single-precision numbers hold seven more binary digits than anything that is drawn, reported or
+learned from them, and those are noise that no compression removes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+#: Begin the names of packed arrays and of their shapes in a file.
+_PACKED, _SHAPE = "packed_", "shape_"
 #: Binary digits of the mantissa that are dropped; 16 remain: a relative error of 2**-17.
 _DROPPED = 7
 RELATIVE_ERROR = 2.0**-17
@@ -50,4 +55,36 @@ def unpack(planes: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(bits).view(np.float32).reshape(shape)
 
 
-__all__ = ["RELATIVE_ERROR", "pack", "unpack"]
+def packed(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays for a compressed file: floats of two or more dimensions packed, others as they are.
+
+    Args:
+        arrays: By name; the second dimension of those that are packed is time.
+    """
+    stored: dict[str, np.ndarray] = {}
+    for name, value in arrays.items():
+        if value.dtype.kind == "f" and value.ndim >= 2:
+            stored[_PACKED + name], stored[_SHAPE + name] = pack(value), np.array(value.shape)
+        else:
+            stored[name] = value
+    return stored
+
+
+def unpacked(stored: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The inverse of :func:`packed`; arrays that were stored as they are stay so.
+
+    Raises:
+        ValueError: If packed bytes do not fit their shape.
+        KeyError: If a shape is missing.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    for name, value in stored.items():
+        if name.startswith(_PACKED):
+            own = name.removeprefix(_PACKED)
+            arrays[own] = unpack(value, tuple(stored[_SHAPE + own]))
+        elif not name.startswith(_SHAPE):
+            arrays[name] = value
+    return arrays
+
+
+__all__ = ["RELATIVE_ERROR", "pack", "packed", "unpack", "unpacked"]

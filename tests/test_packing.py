@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 import pytest
 
-from cassie_lib.planning.packing import RELATIVE_ERROR, pack, unpack
+from cassie_lib.packing import RELATIVE_ERROR, pack, packed, unpack, unpacked
 
 
 def back(values):
@@ -58,3 +58,26 @@ def test_a_smooth_motion_takes_half_the_bytes_of_its_floats():
 def test_bytes_of_another_shape_are_refused():
     with pytest.raises(ValueError, match="reshape"):
         unpack(pack(np.zeros((2, 3, 4), dtype=np.float32)), (2, 3, 5))
+
+
+def test_only_floats_over_time_are_packed_and_all_come_back_by_name(tmp_path):
+    random = np.random.default_rng(2)
+    arrays = {
+        "motion": random.normal(size=(2, 5, 3)), "length": np.array([5, 4]),
+        "weights": random.normal(size=4), "phase": np.zeros((2, 5), int),
+    }  # fmt: skip
+    np.savez_compressed(tmp_path / "a.npz", **packed(arrays))
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as stored:
+        assert set(arrays) - set(stored.files) == {"motion"}
+        found = unpacked(stored)
+    assert set(found) == set(arrays)
+    for name in ("length", "weights", "phase"):
+        np.testing.assert_array_equal(found[name], arrays[name])
+    np.testing.assert_allclose(found["motion"], arrays["motion"], rtol=1.01 * RELATIVE_ERROR)
+
+
+def test_a_packed_array_without_its_shape_is_refused():
+    stored = packed({"motion": np.zeros((2, 5, 3))})
+    del stored["shape_motion"]
+    with pytest.raises(KeyError, match="shape_motion"):
+        unpacked(stored)

@@ -89,6 +89,7 @@ def _smoke() -> Preset:
         feedforward_size=32,
         horizon=3,
         steps=6,
+        average_share=0.5,
         batch_size=16,
         validation_steps=3,
         validation_windows=16,

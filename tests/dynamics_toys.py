@@ -12,8 +12,8 @@ from cassie_lib.robot import schema
 
 CAUSAL = CausalParameters(
     context=6, model_size=16, heads=2, layers=2, feedforward_size=32, horizon=4, steps=16,
-    batch_size=8, mirror=False, validation_steps=5, validation_windows=8, max_minutes=0.0,
-    checkpoint_seconds=0.0,
+    average_share=0.6, batch_size=8, mirror=False, validation_steps=5, validation_windows=8,
+    max_minutes=0.0, checkpoint_seconds=0.0,
 )
 TRANSFORMER = TransformerParameters(
     context=5, representation_size=12, embedding_size=6, model_size=8, heads=2, encoder_layers=2,

@@ -67,8 +67,11 @@ STOREKEEPING = {"errors", "paths", "files", "logs", "checkpoints", "artifacts", 
 #: Training reads arrays: what ``data`` needs to collect them has no part in it.
 COLLECTING = {"controllers", "simulator", "robot/state", "dynamics/adjoint"}
 #: The expert is upstream of what DAgger does, by its bits.
-NOT_ITS_OWN = dict.fromkeys(("mlp", "transformer", "causal", "prediction"), COLLECTING) | {
-    "dagger": {"expert/policy"}
+NOT_ITS_OWN = {
+    "causal": COLLECTING,
+    "dagger": {"expert/policy"},
+    # The module that offers all trainings offers that of the causal model too.
+    **dict.fromkeys(("mlp", "transformer", "prediction"), COLLECTING | {"dynamics/train_causal"}),
 }
 
 

@@ -14,6 +14,7 @@ import pytest
 import torch
 from dynamics_toys import CAUSAL, MLP, TRANSFORMER, oscillators
 
+from cassie_lib.dynamics.evaluation import open_loop
 from cassie_lib.dynamics.loop import Budget, StepGuard, pick_device
 from cassie_lib.dynamics.train_causal import learning_rate
 from cassie_lib.dynamics.training import train_causal, train_mlp, train_transformer
@@ -68,6 +69,43 @@ def test_killed_training_ends_with_the_same_weights_to_the_bit(kind, tmp_path):
         rows = list(csv.reader(file))
     assert rows[0] == ["epoch", "step", "seconds", "metric", "value"]
     assert len(rows) == len(resumed.log.rows) + 1
+
+
+@pytest.mark.parametrize(("share", "averaged"), [(0.0, 1), (0.25, 4), (1.0, 16)])
+def test_causal_weights_are_the_mean_over_the_last_steps(share, averaged):
+    """What is validated last is what is returned."""
+    seen = []
+
+    def note(step, model):
+        seen.append([value.detach().clone() for value in model.parameters()])
+
+    trained = run("causal", None, note, replace(CAUSAL, average_share=share))
+    assert len(seen) == 16
+    for index, value in enumerate(trained.model.parameters()):
+        expected = torch.stack([weights[index] for weights in seen[-averaged:]]).mean(0)
+        torch.testing.assert_close(value, expected)
+    moved = any(not torch.equal(a, b) for a, b in zip(seen[-1], seen[-2], strict=True))
+    assert moved, "the steps must differ for their mean to mean anything"
+    found = open_loop(trained.model, oscillators(2, 20, seed=2), CAUSAL.horizon, 8)
+    logged = trained.log.series(f"validation/relative_step_{CAUSAL.horizon}")[2][-1]
+    assert logged == pytest.approx(found.relative[-1])
+
+
+def test_mean_of_the_weights_has_less_of_the_luck_of_the_last_batches():
+    """With a learning rate that never settles, the mean is nearer the truth than most steps."""
+    errors = []
+    data = oscillators(2, 20, seed=2)
+
+    def note(step, model):
+        if step > 150:
+            errors.append(open_loop(model.eval(), data, CAUSAL.horizon, 8).relative[-1])
+            model.train()
+
+    settings = replace(
+        CAUSAL, steps=200, learning_rate=5e-3, final_learning_rate=5e-3, average_share=0.25
+    )
+    trained = run("causal", None, note, settings)
+    assert open_loop(trained.model, data, CAUSAL.horizon, 8).relative[-1] < np.median(errors)
 
 
 def test_finished_training_is_not_repeated(tmp_path):

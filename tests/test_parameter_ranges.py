@@ -33,6 +33,7 @@ from cassie_lib.parameters import (
         (CausalParameters, {"context": 1}, "context = 1: expected at least 2"),
         (CausalParameters, {"validation_windows": 0}, "validation_windows = 0"),
         (CausalParameters, {"rollout_share": float("nan")}, "rollout_share = nan"),
+        (CausalParameters, {"average_share": 1.5}, "average_share = 1.5"),
         (BurstParameters, {"strongest_rad": float("inf")}, "strongest_rad = inf"),
     ],
 )

@@ -38,11 +38,13 @@ class Stage:
 
 _ROBOT = ("robot", "gait", "reward", "simulator")
 _WALKING = (*_ROBOT, "controllers", "recording", "walking")
-_PLANNING = (*_WALKING, "threads", "dynamics", "planning")
+_PLANNING = (*_WALKING, "threads", "dynamics", "planning", "packing")
 #: Models learn from arrays; mirror, derivative orders and slices are those of the schema.
 _LEARNING = ("robot/schema", "data", "dynamics")
 #: The fast rollout of a model whose weights are fixed: planners use it, training does not.
 _FROZEN = ("dynamics/adjoint.py", "dynamics/adjoint_layers.py")
+#: What else the windowed models have no part in: the loop that trains the causal one.
+_WINDOWED = (*_FROZEN, "dynamics/train_causal.py")
 #: Lets killed episodes go on; they end with the bits that they would have had.
 _RESUME = ("planning/resume.py",)
 
@@ -51,10 +53,10 @@ STAGES = {
     "expert": Stage(1, (*_WALKING, "expert"), by_content=True),
     "walking": Stage(1, (*_WALKING, "expert")),
     "data": Stage(1, (*_WALKING, "expert", "data")),
-    "mlp": Stage(2, _LEARNING, _FROZEN, by_content=True),
-    "transformer": Stage(1, _LEARNING, _FROZEN, by_content=True),
+    "mlp": Stage(2, _LEARNING, _WINDOWED, by_content=True),
+    "transformer": Stage(1, _LEARNING, _WINDOWED, by_content=True),
     "causal": Stage(1, _LEARNING, _FROZEN, by_content=True),
-    "prediction": Stage(2, _LEARNING, _FROZEN),
+    "prediction": Stage(2, _LEARNING, _WINDOWED),
     "cem": Stage(1, _PLANNING, _RESUME),
     "gradient_cem": Stage(1, _PLANNING, _RESUME),
     "dagger": Stage(1, (*_PLANNING, "data", "dagger"), _RESUME, by_content=True),

@@ -3,6 +3,9 @@
 The first part is teacher forced: one pass over a window of H + tau pairs gives as many one-step
 predictions, and all of them are learned from.  The second part rolls the model out over tau steps
 through the cached path, as the planner will, and back-propagates through the whole rollout.
+
+What is returned is the mean of the weights over the last steps (Polyak averaging): at step ten a
+single set of weights carries the luck of its last batches as a bias that adds up over the rollout.
 """
 
 from __future__ import annotations
@@ -13,7 +16,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
 
 from cassie_lib.dynamics.causal import PHYSICAL_SIZE, CausalModel
 from cassie_lib.dynamics.evaluation import open_loop, split_window
@@ -64,15 +68,31 @@ def rollout_loss(model: CausalModel, window: Window, weights: Tensor) -> Tensor:
     return (error * (weights / error_unit(model))).square().mean()
 
 
+class _Averaged(nn.Module):
+    """A model in training and the mean of its weights so far, saved and restored together."""
+
+    def __init__(self, model: CausalModel) -> None:
+        super().__init__()
+        self.model = model
+        self.mean = AveragedModel(model)
+
+    @property
+    def best(self) -> CausalModel:
+        """The mean, or the model itself as long as nothing has been averaged."""
+        return self.mean.module if int(self.mean.n_averaged) else self.model
+
+
 class _CausalLoop:
     """Runs a training to its end; ``part`` 0 is teacher forced, 1 is rollout."""
 
     def __init__(self, run: Run, sampler: Sampler, sets: dict[str, Transitions]) -> None:
         self.run, self.sampler, self.sets = run, sampler, sets
-        self.parameters: CausalParameters = run.model.parameters_
+        self.pair: _Averaged = run.model
+        self.model = self.pair.model
+        self.parameters: CausalParameters = self.model.parameters_
         self.state = run.counters or {"part": 0, "total": 0.0, "count": 0}
         run.counters = self.state
-        device = next(run.model.parameters()).device
+        device = next(self.model.parameters()).device
         weights = component_weights(self.parameters.order_weights, PHYSICAL_SIZE)
         self.device, self.weights = device, weights.to(device)
 
@@ -88,7 +108,7 @@ class _CausalLoop:
                 self.validate()
             self.run.save_when_due()
             if callback is not None:
-                callback(self.run.step, self.run.model)
+                callback(self.run.step, self.model)
         self.validate()
 
     def advance(self, progress: float) -> None:
@@ -101,8 +121,10 @@ class _CausalLoop:
         for group in run.optimiser.param_groups:
             group["lr"] = rate
         window = Window(*(value.to(self.device) for value in self.sampler.batch(run.step)))
-        loss = (teacher_forced_loss, rollout_loss)[part](run.model, window, self.weights)
+        loss = (teacher_forced_loss, rollout_loss)[part](self.model, window, self.weights)
         if run.descend(loss):
+            if progress >= 1.0 - self.parameters.average_share:
+                self.pair.mean.update_parameters(self.model)
             state["total"] += loss.item()
             state["count"] += 1
         if run.step % LOG_STEPS == 0 and state["count"]:
@@ -112,16 +134,16 @@ class _CausalLoop:
 
     def validate(self) -> None:
         horizon, windows = self.parameters.horizon, self.parameters.validation_windows
-        self.run.model.eval()
+        model = self.pair.best.eval()
         metrics: dict[str, float] = {}
         for name, part in self.sets.items():
-            result = open_loop(self.run.model, part, horizon, windows)
+            result = open_loop(model, part, horizon, windows)
             metrics[f"{name}__relative_step_1"] = result.relative[0]
             metrics[f"{name}__relative_step_{horizon}"] = result.relative[-1]
             metrics[f"{name}__state_prediction_raw"] = result.thesis_loss()
             losses = result.thesis_loss_by_step()
             metrics |= {f"{name}__raw_step_{i + 1}": loss for i, loss in enumerate(losses)}
-        self.run.model.train()
+        self.model.train()
         self.run.note(0, **metrics)
 
 
@@ -141,7 +163,8 @@ def train_causal(
 
     The learning rate and the change from one-step to rollout training follow the larger of
     ``step / steps`` and ``minutes / max_minutes``: with ``max_minutes = 0`` the result is the
-    same to the bit on one machine, killed and resumed or not.
+    same to the bit on one machine, killed and resumed or not.  The weights returned, and those
+    validated from then on, are the mean over the last ``average_share`` of the training.
 
     Args:
         train: One recording, or several that are sampled by ``shares``.
@@ -182,12 +205,13 @@ def train_causal(
         "windows": [len(starts) for starts in sampler.starts],
     }
     run = Run(
-        model, optimiser, identity, folder, parameters.max_minutes,
+        _Averaged(model), optimiser, identity, folder, parameters.max_minutes,
         parameters.checkpoint_seconds, parameters.clip_norm,
     )
     sets = {**({"validation": validation} if validation is not None else {}), **(measured or {})}
     _CausalLoop(run, sampler, sets).train(callback)
-    return run.finish()
+    trained = run.finish()
+    return trained._replace(model=trained.model.best)
 
 
 __all__ = ["train_causal"]

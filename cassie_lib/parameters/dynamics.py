@@ -112,6 +112,7 @@ class CausalParameters:
     horizon: int = 10  # tau
     steps: int = 20_000  # optimiser steps
     rollout_share: float = 0.4  # last part of the training, on tau-step predictions
+    average_share: float = 0.05  # last part, over which the weights are averaged
     batch_size: int = 128
     learning_rate: float = 1e-3
     warmup_share: float = 0.02
@@ -138,4 +139,4 @@ class CausalParameters:
             "checkpoint_seconds", "max_minutes", "seed", least=0,
         )  # fmt: skip
         require(self, "dropout", least=0, most=0.99)
-        require(self, "rollout_share", "warmup_share", least=0, most=1)
+        require(self, "rollout_share", "average_share", "warmup_share", least=0, most=1)

@@ -23,7 +23,7 @@ from cassie_lib.errors import (
     UnknownNameError,
 )
 from cassie_lib.files import sha256_file
-from cassie_lib.packing import pack
+from cassie_lib.packing import pack, packed, unpacked
 
 
 def card(**changes):
@@ -85,8 +85,15 @@ def episodes(change):
 
 
 def transitions(change):
-    """Change the arrays of what a round of DAgger has collected."""
-    return arrays("transitions.npz", change)
+    """Change the arrays of what a round of DAgger has collected, and pack them again."""
+
+    def edit(stored):
+        found = unpacked(stored)
+        change(found)
+        stored.clear()
+        stored.update(packed(found))
+
+    return arrays("transitions.npz", edit)
 
 
 def first(tensors, value):
@@ -204,11 +211,16 @@ CASES = {
         "dagger", text("transitions.npz", "rows"), ArtifactError, "holds no transitions"),
     "dagger: an array is missing": (
         "dagger", transitions(lambda a: a.pop("phase")), ArtifactError, "phase"),
+    "dagger: packed bytes of another shape": (
+        "dagger", arrays("transitions.npz", lambda a: a.update(shape_states=a["shape_states"] + 1)),
+        ArtifactError, "reshape"),
+    "dagger: no states": (
+        "dagger", transitions(lambda a: a.pop("states")), ArtifactError, "states"),
     "dagger: states of another schema": (
-        "dagger", transitions(lambda a: a.update(states=a["states"][:, :46])),
+        "dagger", transitions(lambda a: a.update(states=a["states"][..., :46])),
         ArtifactError, r"states .*46"),
     "dagger: actions of fewer steps": (
-        "dagger", transitions(lambda a: a.update(actions=a["actions"][:-1])),
+        "dagger", transitions(lambda a: a.update(actions=a["actions"][:, :-1])),
         ArtifactError, "actions"),
 }  # fmt: skip
 

@@ -13,7 +13,7 @@ from cassie_lib import paths
 #: From left to right; a module imports only from those before it.
 ORDER = """
 errors paths files code_version machine threads parameters presets logs checkpoints intervals
-artifacts provenance
+packing artifacts provenance
 robot reward gait recorded_gait simulator_checks simulator environment
 physics_checks
 controllers recording walking walking_report

@@ -1,10 +1,15 @@
-"""What notebooks 06 and 07 claim of the cost of planning, written to ``results.json``."""
+"""What notebooks 06 to 08 claim besides steps until a fall: costs of a plan, drift of the walk."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from cassie_lib import machine
+from cassie_lib.intervals import bootstrap_interval
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.cost import plan_seconds
+from cassie_lib.planning.episodes import PlannedEpisodes
+from cassie_lib.plots.planner_measures import side_speed
 from cassie_lib.presets import CEMParameters, GradientCEMParameters
 from cassie_lib.provenance import Provenance
 from cassie_lib.results import record_result
@@ -96,3 +101,34 @@ def record_cache_gain(preset: str, parameters: CEMParameters, gain: float) -> st
 
 
 __all__ = ["record_cache_gain", "record_gradient_memory", "record_plan_time"]
+
+
+def record_side_speed(
+    claim_id: str, figure: str, claim: str, found: PlannedEpisodes, provenance: Provenance
+) -> str:
+    """Record how fast a walk drifts to the side: median over the seeds, and its interval.
+
+    Args:
+        claim_id, figure, claim: As for ``record_result``.
+        found: Episodes of a planner.
+        provenance: Of the notebook.
+
+    Returns:
+        One line for the reader.
+    """
+    speed = side_speed(found)
+    known = speed[np.isfinite(speed)]
+    value = float(np.median(known)) if len(known) else None
+    interval = bootstrap_interval(known) if len(known) else None
+    commanded = found.recording.speed_mps
+    reason = (
+        f"{len(known)} of {len(speed)} seeds; left positive, commanded: 0 and {commanded:.3g} ahead"
+    )
+    record_result(
+        claim_id, figure, provenance.preset, value, interval, len(speed), found.recording.protocol,
+        provenance.from_nothing_s, None, "not comparable", claim=claim, unit="m/s", reason=reason,
+    )  # fmt: skip
+    told = (
+        "unknown" if value is None else f"{value:+.3f} m/s [{interval[0]:+.3f}, {interval[1]:+.3f}]"
+    )
+    return f"{claim}: {told} ({reason})"

@@ -177,16 +177,17 @@ def mean_trials(preset: Preset, planner: str) -> dict[str, Trial]:
 
 
 def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
-    """What the planner's reward adds: Eq 3.11 alone as in the thesis, with the critic, and all.
+    """What the planner's reward adds to Eq 3.11 of the thesis, part by part.
 
     The preset's own reward is taken from the full trial, which begins with the same steps.
     """
     steps = preset.evaluation.ablation_steps
-    bare = {"foot_weight": 0.0}
+    unhurried, flat = {"speed_weight": 0.0}, {"foot_weight": 0.0}
     wanted = {
-        "Eq 3.11 alone": {"steps": steps, "changes": bare | {"terminal_weight": 0.0}},
-        "with the critic": {"steps": steps, "changes": bare},
-        "with the critic and the foot term": {},
+        "Eq 3.11 alone": {"steps": steps, "changes": unhurried | flat | {"terminal_weight": 0.0}},
+        "with the critic": {"steps": steps, "changes": unhurried | flat},
+        "with the critic and the foot term": {"steps": steps, "changes": unhurried},
+        "with the critic, the foot term and the speed of a cycle": {},
     }
     return planner_trials(preset, planner, wanted)
 

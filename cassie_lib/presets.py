@@ -225,6 +225,7 @@ def _laptop() -> Preset:
             lower_rad=-1.5,
             upper_rad=1.5,
             terminal_weight=0.3,
+            speed_weight=2.0,
             foot_weight=0.1,
         ),
         # Few samples close to the mean: the gradient does the work, and a plan that begins anew at
@@ -244,6 +245,7 @@ def _laptop() -> Preset:
             include_mean=True,
             normalise_gradient=True,
             terminal_weight=0.3,
+            speed_weight=2.0,
             foot_weight=0.1,
         ),
         dagger=dagger,

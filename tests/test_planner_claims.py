@@ -1,9 +1,11 @@
-"""Claims of notebooks 06 and 07 about the cost of planning: what was timed is what is told."""
+"""Claims besides steps until a fall: what was timed or measured is what is told."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from planning_toys import cem_parameters, gradient_parameters, planner
+from recording_toys import toy_trial
 
 from cassie_lib import planner_claims as claims
 from cassie_lib.provenance import Provenance
@@ -48,3 +50,23 @@ def test_ratios_are_recorded_with_what_they_compare():
     assert memory["claim"].endswith("of 1000 sequences hold, over that of 50")
     assert "tau = 10" in memory["protocol"]
     assert "N = 1000, C = 1, tau = 10" in cache["protocol"]
+
+
+def test_drift_is_the_median_of_the_seeds_that_lasted():
+    found = toy_trial([228, 228, 228, 50], 228, handover=28)
+    steps = 0.03 * np.arange(found.recording.qpos.shape[1])
+    found.recording.qpos[..., 1] = steps * np.array([[0.01], [0.02], [-0.06], [5.0]])
+    line = claims.record_side_speed("07-side-speed", "Figure 5.7", "drift", found, SOURCE)
+    (record,) = read_results()
+    assert record["value"] == pytest.approx(0.01)
+    assert record["interval"] == pytest.approx([-0.06, 0.02])
+    assert "3 of 4 seeds; left positive" in record["reason"]
+    assert "drift: +0.010 m/s [-0.060, +0.020]" in line
+
+
+def test_drift_of_robots_that_all_fall_at_once_is_unknown():
+    found = toy_trial([30, 40], 228, handover=28)
+    line = claims.record_side_speed("07-side-speed", "Figure 5.7", "drift", found, SOURCE)
+    (record,) = read_results()
+    assert record["value"] is None
+    assert "0 of 2 seeds" in line

@@ -109,14 +109,16 @@ def test_other_means_get_shorter_trials_than_the_own_one(stages, asked):
 
 
 def test_parts_of_the_reward_are_added_one_by_one(stages, asked):
+    whole = replace(
+        stages.gradient_cem, terminal_weight=0.2, foot_weight=0.1, speed_weight=3.0
+    )
+    stages = replace(stages, gradient_cem=whole)
     planners.reward_trials(stages, "gradient_cem")
-    bare, critic, own = (item.parameters for item in asked)
-    for item in (bare, critic):
-        assert item.foot_weight == 0.0
-    assert bare.terminal_weight == 0.0
-    assert critic.terminal_weight == stages.gradient_cem.terminal_weight
-    assert own == stages.gradient_cem
-    assert [item.protocol.steps for item in asked] == [60, 60, 30]
+    used = [item.parameters for item in asked]
+    weights = [(p.terminal_weight, p.foot_weight, p.speed_weight) for p in used]
+    assert weights == [(0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.2, 0.1, 0.0), (0.2, 0.1, 3.0)]
+    assert used[-1] == stages.gradient_cem
+    assert [item.protocol.steps for item in asked] == [60, 60, 60, 30]
 
 
 def test_playback_is_the_feedforward_cycle_and_nothing_else(stages):

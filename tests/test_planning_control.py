@@ -19,13 +19,11 @@ from planning_toys import (
 
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ParameterError
-from cassie_lib.expert.policy import ExpertPolicy
 from cassie_lib.planning.candidates import Scorer
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.control import PlannerController, realised_return
 from cassie_lib.planning.gradient_cem import GradientCEM
 from cassie_lib.planning.objective import Objective
-from cassie_lib.planning.terminal import CRITIC_UNIT, CriticValue
 from cassie_lib.robot.schema import MOTOR_POSITION, clock
 
 
@@ -178,29 +176,6 @@ def test_hand_over_must_leave_the_model_its_context():
     made = controller(expert=Lazy(), handover_step=CONTEXT - 1)
     drive(made, 3)
     assert made.log().planned.any(axis=1).tolist() == [False, False, True]
-
-
-def test_critic_continues_its_memory_along_the_candidate():
-    torch.manual_seed(0)
-    policy = ExpertPolicy(hidden_size=8, layers=2).eval()
-    past = history(2, context=4, seed=3)
-    states = torch.randn(2, 3, 2, 49)
-    found = CriticValue(policy)(past, states, None)
-    for episode in range(2):
-        for candidate in range(3):
-            whole = torch.cat([past.states[episode], states[episode, candidate]])[:, None]
-            value, _ = policy.critic(
-                policy.normalise(whole), policy.critic.initial_memory(1), torch.zeros(6, 1)
-            )
-            torch.testing.assert_close(found[episode, candidate], CRITIC_UNIT * value[-1, 0, 0])
-
-
-def test_terminal_value_has_gradients_after_use_in_inference_mode():
-    value = CriticValue(ExpertPolicy(hidden_size=8, layers=1).eval())
-    parameters = gradient_parameters(iterations=1, gradient_iterations=2)
-    planner = GradientCEM(Objective(DoubleIntegrator(), quadratic_reward, 0.9, value), parameters)
-    plan = planner.plan(history(), [0], [0.0])
-    assert torch.isfinite(plan.actions).all()
 
 
 def test_scorer_gives_the_best_of_all_that_it_has_scored_as_a_plan():

@@ -10,6 +10,7 @@ from recording_toys import toy_trial
 
 from cassie_lib import artifacts, paths
 from cassie_lib.errors import ParameterError, ShapeError
+from cassie_lib.plots import planner_measures as measures
 from cassie_lib.plots import planner_numbers as numbers
 from cassie_lib.provenance import CHANGED, Provenance
 from cassie_lib.robot.schema import PERIOD
@@ -82,16 +83,16 @@ def test_a_trial_that_ended_upright_before_the_thesis_fell_proves_nothing():
 
 def test_stepping_counts_cycles_in_which_both_feet_rise():
     walks = trial([200, 200, 20])
-    share = numbers.stepping_share(walks)
+    share = measures.stepping_share(walks)
     np.testing.assert_allclose(share[:2], 1.0)
     assert np.isnan(share[2]), "no whole cycle"
     height = walks.recording.foot_height
     # The right foot stays down in the second of seven cycles of one episode.
     height[0, HANDOVER + PERIOD : HANDOVER + 2 * PERIOD, 1] = 0.0
-    assert numbers.stepping_share(walks)[0] == pytest.approx(6 / 7)
+    assert measures.stepping_share(walks)[0] == pytest.approx(6 / 7)
     # What the expert does before the hand-over does not count.
     height[1, :HANDOVER] = 0.0
-    assert numbers.stepping_share(walks)[1] == 1.0
+    assert measures.stepping_share(walks)[1] == 1.0
 
 
 def test_record_holds_median_interval_seeds_verdict_and_time(provenance):
@@ -103,7 +104,7 @@ def test_record_holds_median_interval_seeds_verdict_and_time(provenance):
     assert tuple(record["interval"]) == expected.interval
     assert (record["seeds"], record["thesis_value"], record["unit"]) == (4, THESIS, "steps")
     assert record["verdict"] == expected.verdict
-    passed = int(numbers.planner_report(found).walks.sum())
+    passed = int(measures.planner_report(found).walks.sum())
     assert record["reason"] == f"{passed} of 4 pass the walking report; {expected.reason}"
     assert record["protocol"] == "a toy"
     time = provenance.from_nothing_s
@@ -204,19 +205,36 @@ def test_table_cuts_trials_of_different_length_to_the_same():
     assert short["cycles with both feet lifted 5 cm"].tolist() == ["–"]
 
 
+def test_side_speed_is_of_whole_cycles_that_the_planner_drove():
+    found = trial([200, 60, 55])
+    y = found.recording.qpos[..., 1]
+    # The expert's steps go the other way, and a sway comes back after each cycle.
+    y[:] = -0.5 * 0.03 * np.arange(y.shape[1])
+    driven = np.arange(y.shape[1] - HANDOVER)
+    drift, sway = 0.04 * 0.03 * driven, 0.05 * np.sin(2 * np.pi * driven / PERIOD)
+    y[:, HANDOVER:] = y[:, [HANDOVER]] + drift + sway
+    speed = measures.side_speed(found)
+    np.testing.assert_allclose(speed, [0.04, 0.04, np.nan])
+    y[:, HANDOVER + 100 :] += 9.0
+    np.testing.assert_allclose(measures.side_speed(found, limit=128)[:2], 0.04)
+    assert measures.side_speed(found)[0] > 1.0
+    table = numbers.steps_table({"long": found, "short": trial([9, 30])}, limit=128)
+    assert table["sideways speed, m/s"].tolist() == ["+0.040", "–"]
+
+
 def test_report_leaves_out_what_the_expert_did():
-    report = numbers.planner_report(trial([200]))
+    report = measures.planner_report(trial([200]))
     # Lifts 0.1 m; before the hand-over and in a padded start's first cycles nothing counts.
     assert report["least foot lift"].values == [pytest.approx(0.1)]
     padded = toy_trial([200], 200)
     padded.recording.foot_height[:, : 2 * PERIOD] = 0.0
-    assert numbers.planner_report(padded)["least foot lift"].values == [pytest.approx(0.1)]
+    assert measures.planner_report(padded)["least foot lift"].values == [pytest.approx(0.1)]
     with pytest.raises(ParameterError, match="expected at least"):
-        numbers.planner_report(toy_trial([60], 60, handover=28))
+        measures.planner_report(toy_trial([60], 60, handover=28))
 
 
 def test_median_episode_and_target():
     found = trial([150, 20, 90, 60])
-    assert numbers.median_episode(found) == 2, "the upper one of the two in the middle"
+    assert measures.median_episode(found) == 2, "the upper one of the two in the middle"
     assert numbers.target_line(found, 75).endswith("reached with 75")
     assert "NOT reached with 75" in numbers.target_line(found, 76)

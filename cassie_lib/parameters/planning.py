@@ -29,6 +29,7 @@ class CEMParameters:
     noise_colour: float = 0.0  # exponent of the power spectrum over the horizon (iCEM)
     elite_reuse: float = 0.0  # share of elites carried to the next iteration (iCEM)
     terminal_weight: float = 0.0  # of the expert's critic beyond the horizon; 0 is the thesis
+    speed_weight: float = 0.0  # of keeping the speed over a cycle, beyond the horizon; 0: thesis
     lateral: str = "position"  # position | height
     deadband: bool = False
     foot_weight: float = 0.0  # share of a foot-height term besides Eq 3.10; 0 is the thesis

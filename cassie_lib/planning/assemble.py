@@ -13,7 +13,7 @@ from cassie_lib.planning.feedforward import feedforward_cycle
 from cassie_lib.planning.gradient_cem import GradientCEM
 from cassie_lib.planning.objective import Objective
 from cassie_lib.planning.stage_reward import WalkingReward
-from cassie_lib.planning.terminal import CriticValue
+from cassie_lib.planning.terminal import CriticValue, CycleSpeed, TerminalSum, TerminalValue
 from cassie_lib.presets import CEMParameters, GradientCEMParameters
 from cassie_lib.robot.model import neutral_pose
 from cassie_lib.robot.schema import ACTION_SIZE, PERIOD
@@ -104,8 +104,7 @@ def make_planner(
     reward = WalkingReward(
         reference, parameters.lateral, parameters.deadband, parameters.foot_weight
     )
-    weight = parameters.terminal_weight
-    terminal = CriticValue(expert.policy, weight) if weight else None
+    terminal = _terminal_value(parameters, expert)
     objective = Objective(model, reward, parameters.discount, terminal, max_rows)
     cycle = None
     if parameters.mean == "expert":
@@ -117,3 +116,13 @@ def make_planner(
     if isinstance(parameters, GradientCEMParameters):
         return GradientCEM(objective, parameters, cycle)
     return CEM(objective, parameters, cycle)
+
+
+def _terminal_value(parameters: CEMParameters, expert) -> TerminalValue | None:
+    """What parameters add beyond the horizon; ``None`` is the thesis."""
+    values: list[TerminalValue] = []
+    if parameters.terminal_weight:
+        values.append(CriticValue(expert.policy, parameters.terminal_weight))
+    if parameters.speed_weight:
+        values.append(CycleSpeed(parameters.speed_weight))
+    return TerminalSum(*values) if len(values) > 1 else next(iter(values), None)

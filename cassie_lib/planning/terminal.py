@@ -1,15 +1,22 @@
-"""Value beyond the horizon: the expert's critic at the last predicted state."""
+"""Value beyond the horizon: the expert's critic, and how well a cycle keeps its speed."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import torch
 
 from cassie_lib.dynamics.model import History
 from cassie_lib.errors import ParameterError
+from cassie_lib.robot.schema import PELVIS_VELOCITY, PERIOD, SPEED
 
 #: The critic was trained on rewards divided by this (``expert.ppo``), so that values are of order
 #: one; here they are added to rewards that were not.
 CRITIC_UNIT = 10.0
+#: How sharply a wrong speed costs, s/m: as in the expert's training.
+SPEED_SHARPNESS = 4.0
+
+TerminalValue = Callable[[History, torch.Tensor, torch.Tensor], torch.Tensor]
 
 
 class CriticValue:
@@ -30,8 +37,7 @@ class CriticValue:
     """
 
     def __init__(self, policy, weight: float = 1.0):
-        if not 0.0 <= weight < float("inf"):
-            raise ParameterError(f"terminal_weight is {weight}: expected a finite number >= 0")
+        _check("terminal_weight", weight)
         self._policy, self._unit = policy, weight * CRITIC_UNIT
         self._filled: tuple[torch.Tensor, torch.Tensor] | None = None
 
@@ -54,3 +60,55 @@ class CriticValue:
                 _, memory = self._policy.critic(past, memory, torch.zeros(past.shape[:2]))
             self._filled = history.states, memory
         return self._filled[1]
+
+
+class CycleSpeed:
+    """Terminal value for speeds that a whole cycle keeps, forwards and to the side.
+
+    Eq 3.10 scores the velocity of one moment, which the sway of a walk moves by more than a drift
+    does, and its position term is flat a few metres away: a planner that adds the critic to it may
+    walk off to the side.  The mean of the last cycle, what is known of it and what is predicted,
+    tells the two apart.  The expert's training scores the same
+    (:func:`cassie_lib.expert.guidance.velocity_term`).
+
+    Args:
+        weight: Value of a cycle at exactly the commanded speed.
+
+    Raises:
+        ParameterError: If the weight is negative or not finite.
+    """
+
+    def __init__(self, weight: float = 1.0):
+        _check("speed_weight", weight)
+        self._weight = weight
+
+    def __call__(self, history: History, states: torch.Tensor, phase: torch.Tensor):
+        """Value ``(E, N)`` of states ``(E, N, T, 49)`` after a history; differentiable in them."""
+        velocity = states[..., PELVIS_VELOCITY][..., -PERIOD:, :2]
+        # Shorter where less than a cycle is known.
+        known = history.states[:, max(0, history.states.shape[1] + velocity.shape[2] - PERIOD) :]
+        past = known[..., PELVIS_VELOCITY][..., :2].sum(dim=1)[:, None]
+        mean = (past + velocity.sum(dim=2)) / (known.shape[1] + velocity.shape[2])
+        command = history.states[:, -1, SPEED.start, None]
+        error = (mean[..., 0] - command).abs() + mean[..., 1].abs()
+        return self._weight * torch.exp(-SPEED_SHARPNESS * error)
+
+
+class TerminalSum:
+    """Several terminal values added up.
+
+    Args:
+        values: At least one.
+    """
+
+    def __init__(self, *values: TerminalValue):
+        self._values = values
+
+    def __call__(self, history: History, states: torch.Tensor, phase: torch.Tensor):
+        """Their sum ``(E, N)``."""
+        return torch.stack([value(history, states, phase) for value in self._values]).sum(dim=0)
+
+
+def _check(name: str, weight: float) -> None:
+    if not 0.0 <= weight < float("inf"):
+        raise ParameterError(f"{name} is {weight}: expected a finite number >= 0")

@@ -10,13 +10,9 @@ import numpy as np
 from cassie_lib.errors import ParameterError, ShapeError
 from cassie_lib.intervals import bootstrap_interval
 from cassie_lib.planning.episodes import PlannedEpisodes
+from cassie_lib.plots.planner_measures import planner_report, side_speed, stepping_share
 from cassie_lib.provenance import Provenance
 from cassie_lib.results import record_result
-from cassie_lib.robot.schema import PERIOD
-from cassie_lib.walking_report import WalkingReport, walking_report
-
-#: A cycle counts as stepping when both feet were lifted so high in it.
-STEP_LIFT_M = 0.05
 
 
 class Verdict(NamedTuple):
@@ -33,30 +29,6 @@ class Verdict(NamedTuple):
     interval: tuple[float, float]
     verdict: str
     reason: str
-
-
-def planner_report(found: PlannedEpisodes) -> WalkingReport:
-    """Walking report of the steps that the planner drove.
-
-    With a padded start the first two cycles are left out, as for the expert.
-    """
-    return walking_report(found.recording, begin=found.log.handover_step or 2 * PERIOD)
-
-
-def stepping_share(found: PlannedEpisodes) -> np.ndarray:
-    """Share of each episode's planner-driven cycles with both feet lifted 5 cm, ``(N,)``.
-
-    NaN for an episode without a whole cycle.
-    """
-    recording, begin = found.recording, found.log.handover_step
-    shares = np.full(len(recording.length), np.nan)
-    for episode, length in enumerate(recording.length):
-        height = recording.foot_height[episode, begin : int(length) + 1]
-        cycles = len(height) // PERIOD
-        if cycles:
-            lift = height[: cycles * PERIOD].reshape(cycles, PERIOD, 2).max(axis=1)
-            shares[episode] = np.mean((lift >= STEP_LIFT_M).all(axis=1))
-    return shares
 
 
 def against_thesis(found: PlannedEpisodes, thesis_steps: float) -> Verdict:
@@ -239,14 +211,16 @@ def steps_table(trials: Mapping[str, PlannedEpisodes], limit: int = 0):
                 "cycles with both feet lifted 5 cm": f"{np.median(known):.0%}"
                 if len(known)
                 else "–",
+                "sideways speed, m/s": _median(side_speed(found, limit)),
             }
         )
     return pd.DataFrame(rows).set_index("trial")
 
 
-def median_episode(found: PlannedEpisodes) -> int:
-    """Episode whose length is the median (the upper one of two)."""
-    return int(np.argsort(found.recording.length, kind="stable")[len(found.planner_steps) // 2])
+def _median(values: np.ndarray) -> str:
+    """Median of what is known, or a dash."""
+    known = values[np.isfinite(values)]
+    return f"{np.median(known):+.3f}" if len(known) else "–"
 
 
 def target_line(found: PlannedEpisodes, target: int) -> str:

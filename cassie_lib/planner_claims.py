@@ -128,7 +128,7 @@ def record_side_speed(
         claim_id, figure, provenance.preset, value, interval, len(speed), found.recording.protocol,
         provenance.from_nothing_s, None, "not comparable", claim=claim, unit="m/s", reason=reason,
     )  # fmt: skip
-    told = (
-        "unknown" if value is None else f"{value:+.3f} m/s [{interval[0]:+.3f}, {interval[1]:+.3f}]"
-    )
+    told = "unknown" if value is None else f"{value:+.3f} m/s"
+    if interval is not None:
+        told += f" [{interval[0]:+.3f}, {interval[1]:+.3f}]"
     return f"{claim}: {told} ({reason})"

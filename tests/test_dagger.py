@@ -21,11 +21,7 @@ from cassie_lib.packing import RELATIVE_ERROR
 from cassie_lib.planning.cem import CEM
 from cassie_lib.planning.mixed import MixedController
 from cassie_lib.planning.objective import Objective
-from cassie_lib.presets import SimulationParameters, get_preset
 from cassie_lib.walking import run_episodes
-
-SMOKE = get_preset("smoke")
-COARSE = SimulationParameters(timestep_s=0.002)
 
 
 def mixed(planner_steps, cycle_steps=9):

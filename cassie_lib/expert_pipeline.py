@@ -2,24 +2,59 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
-from cassie_lib.expert.policy import Expert, load_expert, save_expert
+from cassie_lib.expert.policy import CARD_FILE, Expert, load_expert, save_expert
 from cassie_lib.expert.ppo import RecurrentPPO
+from cassie_lib.expert_selection import SEED, score, select
 from cassie_lib.files import plain, write_json
 from cassie_lib.presets import ExpertParameters, Preset
+from cassie_lib.threads import one_torch_thread
+
+#: Most episodes of each trial that chooses the expert.
+_EPISODES = 8
+SCORES_FILE = "trials.json"
 
 
 def first_expert_artifact(preset: Preset) -> Artifact:
-    """The expert after its first training; :func:`expert_artifact` goes on from it."""
+    """The policy after its first training; the second goes on from it."""
     return _trained_policy(preset, preset.expert)
 
 
-def expert_artifact(preset: Preset) -> Artifact:
-    """The expert pi* of section 4.3.1: weights, card and ``timing_log.csv``."""
+def continued_expert_artifact(preset: Preset) -> Artifact:
+    """The policy after its second training."""
     return _trained_policy(preset, preset.expert_continuation, first_expert_artifact(preset))
+
+
+def expert_artifact(preset: Preset) -> Artifact:
+    """The expert pi* of section 4.3.1: the one of both policies that does better in trials.
+
+    Its weights and card, and the scores of both (:mod:`cassie_lib.expert_selection`).
+    """
+    candidates = [first_expert_artifact(preset), continued_expert_artifact(preset)]
+    protocol = {
+        "episodes": min(_EPISODES, preset.evaluation.expert_seeds),
+        "steps": preset.evaluation.short_steps,
+        "timestep_s": preset.simulation.timestep_s,
+    }
+
+    def compute(folder: Path) -> None:
+        # Of equal bits whatever the number of cores, like all that later stages rest on.
+        with one_torch_thread():
+            scores = {item.name: score(load_expert(item.path), **protocol) for item in candidates}
+        chosen = select(scores)
+        source = next(item for item in candidates if item.name == chosen)
+        card = json.loads((source.path / CARD_FILE).read_text()) | {"chosen": chosen}
+        save_expert(load_expert(source.path).policy, folder, card)
+        write_json(folder / SCORES_FILE, {name: item._asdict() for name, item in scores.items()})
+
+    return load_or_compute(
+        "selection", {"protocol": protocol, "seed": SEED}, compute, candidates,
+        preset=preset.name, seed=SEED, kept=True,
+    )  # fmt: skip
 
 
 def reward_only_artifact(preset: Preset) -> Artifact:
@@ -58,4 +93,10 @@ def expert(preset: Preset) -> Expert:
     return load_expert(expert_artifact(preset).path)
 
 
-__all__ = ["expert", "expert_artifact", "first_expert_artifact", "reward_only_artifact"]
+__all__ = [
+    "continued_expert_artifact",
+    "expert",
+    "expert_artifact",
+    "first_expert_artifact",
+    "reward_only_artifact",
+]

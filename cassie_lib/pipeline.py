@@ -29,6 +29,7 @@ from cassie_lib.data_pipeline import (
 from cassie_lib.dynamics.store import save_model
 from cassie_lib.dynamics.training import Training, train_causal, train_mlp, train_transformer
 from cassie_lib.expert_pipeline import (
+    continued_expert_artifact,
     expert,
     expert_artifact,
     first_expert_artifact,
@@ -167,6 +168,7 @@ __all__ = [
     "dataset",
     "dataset_artifact",
     "expert",
+    "continued_expert_artifact",
     "expert_artifact",
     "first_expert_artifact",
     "held_out_artifacts",

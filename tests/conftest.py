@@ -52,7 +52,7 @@ def stages(stage_folder, artifact_folders, monkeypatch):
         simulation=replace(smoke.simulation, timestep_s=0.002),
         expert=replace(smoke.expert, total_steps=112, refinement_steps=0),
         reward_only_expert=replace(smoke.reward_only_expert, total_steps=112),
-        evaluation=replace(smoke.evaluation, cem_steps=40, planner_steps=30, short_steps=20,
+        evaluation=replace(smoke.evaluation, cem_steps=40, planner_steps=30, short_steps=112,
                            oracle_steps=12, oracle_gradient_steps=9),
     )  # fmt: skip
 

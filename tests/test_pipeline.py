@@ -24,9 +24,9 @@ from cassie_lib.presets import replace
 mpl.use("agg")
 
 
-def test_expert_is_stored_with_card_and_log_and_acts(stages):
-    artifact = pipeline.expert_artifact(stages)
-    assert pipeline.expert_artifact(stages).from_cache
+def test_policies_are_stored_with_card_and_log_and_the_expert_acts(stages):
+    artifact = pipeline.continued_expert_artifact(stages)
+    assert pipeline.continued_expert_artifact(stages).from_cache
     assert set(artifact.manifest["files"]) == {
         "card.json", "expert.safetensors", "timing.json", "timing_log.csv",
     }  # fmt: skip
@@ -36,6 +36,9 @@ def test_expert_is_stored_with_card_and_log_and_acts(stages):
     log = expert_plots.read_log(artifact.file("timing_log.csv"))
     assert log["step"][-1] == card["steps"] >= 112
     assert {"plain_reward", "falls", "seconds"} <= set(log)
+    assert set(pipeline.expert_artifact(stages).manifest["files"]) == {
+        "card.json", "expert.safetensors", "trials.json",
+    }  # fmt: skip
     expert = pipeline.expert(stages)
     expert.reset(3)
     actions = expert.act(Observation(np.zeros((3, 49)), None, np.zeros(3), np.zeros((3, 3)), 0))

@@ -62,7 +62,7 @@ def test_trials_side_by_side_are_those_of_one_process_bit_for_bit(stages, monkey
 def test_baselines_are_the_rewards_of_walking_and_of_standing(stages):
     found = planners.baselines(stages)
     assert list(found) == ["pi*", "standing still"]
-    recording = run_episodes(pipeline.expert(stages), episodes=2, steps=20,
+    recording = run_episodes(pipeline.expert(stages), episodes=2, steps=112,
                              speed_mps=stages.simulation.speed_mps, timestep_s=0.002)  # fmt: skip
     assert found["pi*"] == pytest.approx(np.nanmean(recording.reward))
     assert planners.baselines_artifact(stages).from_cache
@@ -139,7 +139,7 @@ def test_oracle_trials_are_smaller_and_depend_on_no_model(stages, asked):
     for item in asked:
         assert isinstance(item.model, OracleModel)
         assert item.model.context == stages.causal.context
-        assert [source.stage for source in item.upstream] == ["expert"]
+        assert [source.stage for source in item.upstream] == ["selection"]
 
 
 SMOKE = get_preset("smoke")

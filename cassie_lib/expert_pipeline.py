@@ -57,6 +57,18 @@ def expert_artifact(preset: Preset) -> Artifact:
     )  # fmt: skip
 
 
+def expert_choice(preset: Preset) -> str:
+    """What the trials said of both policies, and which is the expert: lines for the reader."""
+    artifact = expert_artifact(preset)
+    scores = json.loads(artifact.file(SCORES_FILE).read_text())
+    chosen = json.loads(artifact.file(CARD_FILE).read_text())["chosen"]
+    return "\n".join(
+        f"after the {order} training: {found['walks']:.0%} of the episodes walk, "
+        f"{found['passed']:.0%} of all trials passed{': the expert' if name == chosen else ''}"
+        for order, (name, found) in zip(("first", "second"), scores.items(), strict=True)
+    )
+
+
 def reward_only_artifact(preset: Preset) -> Artifact:
     """A policy trained on Eq 3.10 alone at 0.0509 m/s, which learns to stand still."""
     return _trained_policy(preset, preset.reward_only_expert)
@@ -97,6 +109,7 @@ __all__ = [
     "continued_expert_artifact",
     "expert",
     "expert_artifact",
+    "expert_choice",
     "first_expert_artifact",
     "reward_only_artifact",
 ]

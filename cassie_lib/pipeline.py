@@ -32,6 +32,7 @@ from cassie_lib.expert_pipeline import (
     continued_expert_artifact,
     expert,
     expert_artifact,
+    expert_choice,
     first_expert_artifact,
     reward_only_artifact,
 )
@@ -170,6 +171,7 @@ __all__ = [
     "expert",
     "continued_expert_artifact",
     "expert_artifact",
+    "expert_choice",
     "first_expert_artifact",
     "held_out_artifacts",
     "held_out_sets",

@@ -81,7 +81,8 @@ def test_the_stored_expert_is_the_better_policy_with_the_scores_of_both(
     monkeypatch.setattr(expert_pipeline, "score", lambda policy, **protocol: next(scores))
     # Another protocol: a recipe that no other test has stored.
     sizes = replace(stages.evaluation, short_steps=120 + 1 + better)
-    chosen = pipeline.expert_artifact(replace(stages, evaluation=sizes))
+    tried = replace(stages, evaluation=sizes)
+    chosen = pipeline.expert_artifact(tried)
     assert chosen.manifest["upstream"] == [item.identity for item in trained]
     assert json.loads(chosen.file("card.json").read_text())["chosen"] == trained[better].name
     stored = json.loads(chosen.file("trials.json").read_text())
@@ -90,3 +91,6 @@ def test_the_stored_expert_is_the_better_policy_with_the_scores_of_both(
     ours, theirs = (load_expert(item.path).policy for item in (chosen, trained[better]))
     for one, other in zip(ours.parameters(), theirs.parameters(), strict=True):
         assert torch.equal(one, other)
+    lines = pipeline.expert_choice(tried).splitlines()
+    assert lines[better].startswith(f"after the {name} training: 90% of the episodes walk, 90%")
+    assert [line.endswith(": the expert") for line in lines] == [better == 0, better == 1]

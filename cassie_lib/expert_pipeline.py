@@ -7,16 +7,16 @@ import shutil
 from pathlib import Path
 
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
-from cassie_lib.expert.policy import CARD_FILE, Expert, load_expert, save_expert
+from cassie_lib.expert.policy import Expert, load_expert, save_expert
 from cassie_lib.expert.ppo import RecurrentPPO
-from cassie_lib.expert_selection import SEED, score, select
+from cassie_lib.expert_selection import SEED, Score, score, select
 from cassie_lib.files import plain, write_json
 from cassie_lib.presets import ExpertParameters, Preset
 from cassie_lib.threads import one_torch_thread
 
 #: Most episodes of each trial that chooses the expert.
 _EPISODES = 8
-SCORES_FILE = "trials.json"
+_SCORES = "scores.json"
 
 
 def first_expert_artifact(preset: Preset) -> Artifact:
@@ -30,11 +30,18 @@ def continued_expert_artifact(preset: Preset) -> Artifact:
 
 
 def expert_artifact(preset: Preset) -> Artifact:
-    """The expert pi* of section 4.3.1: the one of both policies that does better in trials.
+    """The expert pi* of section 4.3.1: weights, card and ``timing_log.csv``.
 
-    Its weights and card, and the scores of both (:mod:`cassie_lib.expert_selection`).
+    Of the two policies it is the one that does better in trials (:func:`expert_scores`).
     """
-    candidates = [first_expert_artifact(preset), continued_expert_artifact(preset)]
+    policies = [first_expert_artifact(preset), continued_expert_artifact(preset)]
+    chosen = select(expert_scores(preset))
+    return next(item for item in policies if item.name == chosen)
+
+
+def expert_scores(preset: Preset) -> dict[str, Score]:
+    """What trials say of the policies after the first and the second training, by artifact."""
+    policies = [first_expert_artifact(preset), continued_expert_artifact(preset)]
     protocol = {
         "episodes": min(_EPISODES, preset.evaluation.expert_seeds),
         "steps": preset.evaluation.short_steps,
@@ -42,29 +49,26 @@ def expert_artifact(preset: Preset) -> Artifact:
     }
 
     def compute(folder: Path) -> None:
-        # Of equal bits whatever the number of cores, like all that later stages rest on.
+        # Of equal bits whatever the number of cores: all later stages rest on the choice.
         with one_torch_thread():
-            scores = {item.name: score(load_expert(item.path), **protocol) for item in candidates}
-        chosen = select(scores)
-        source = next(item for item in candidates if item.name == chosen)
-        card = json.loads((source.path / CARD_FILE).read_text()) | {"chosen": chosen}
-        save_expert(load_expert(source.path).policy, folder, card)
-        write_json(folder / SCORES_FILE, {name: item._asdict() for name, item in scores.items()})
+            found = {item.name: score(load_expert(item.path), **protocol) for item in policies}
+        write_json(folder / _SCORES, {name: item._asdict() for name, item in found.items()})
 
-    return load_or_compute(
-        "selection", {"protocol": protocol, "seed": SEED}, compute, candidates,
+    stored = load_or_compute(
+        "selection", {"protocol": protocol, "seed": SEED}, compute, policies,
         preset=preset.name, seed=SEED, kept=True,
     )  # fmt: skip
+    scores = json.loads(stored.file(_SCORES).read_text())
+    return {item.name: Score(**scores[item.name]) for item in policies}
 
 
 def expert_choice(preset: Preset) -> str:
-    """What the trials said of both policies, and which is the expert: lines for the reader."""
-    artifact = expert_artifact(preset)
-    scores = json.loads(artifact.file(SCORES_FILE).read_text())
-    chosen = json.loads(artifact.file(CARD_FILE).read_text())["chosen"]
+    """Scores of both policies, and which is the expert: lines for the reader."""
+    scores = expert_scores(preset)
+    chosen = select(scores)
     return "\n".join(
-        f"after the {order} training: {found['walks']:.0%} of the episodes walk, "
-        f"{found['passed']:.0%} of all trials passed{': the expert' if name == chosen else ''}"
+        f"after the {order} training: {found.walks:.0%} of the episodes walk, "
+        f"{found.passed:.0%} of all trials passed{': the expert' if name == chosen else ''}"
         for order, (name, found) in zip(("first", "second"), scores.items(), strict=True)
     )
 
@@ -110,6 +114,7 @@ __all__ = [
     "expert",
     "expert_artifact",
     "expert_choice",
+    "expert_scores",
     "first_expert_artifact",
     "reward_only_artifact",
 ]

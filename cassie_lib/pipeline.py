@@ -33,6 +33,7 @@ from cassie_lib.expert_pipeline import (
     expert,
     expert_artifact,
     expert_choice,
+    expert_scores,
     first_expert_artifact,
     reward_only_artifact,
 )
@@ -172,6 +173,7 @@ __all__ = [
     "continued_expert_artifact",
     "expert_artifact",
     "expert_choice",
+    "expert_scores",
     "first_expert_artifact",
     "held_out_artifacts",
     "held_out_sets",

@@ -91,14 +91,14 @@ def test_more_seeds_begin_at_the_zero_mean_before_and_after_the_rounds_and_in_th
 def test_dagger_begins_with_what_the_model_was_made_of(stages):
     start = dagger_pipeline.dagger_start(stages)
     kinds = [item.stage for item in start.artifacts]
-    assert kinds == ["selection", "causal", "data", "data", "data"]
+    assert kinds == ["expert", "causal", "data", "data", "data"]
     for found, name in zip((*start.train, start.test), ("train", "wide", "test"), strict=True):
         np.testing.assert_array_equal(found.states, pipeline.dataset(stages, name).states)
 
 
 def test_the_narrow_start_leaves_the_wide_data_out(stages):
     start = dagger_pipeline.dagger_start(stages, wide=False)
-    assert [item.stage for item in start.artifacts] == ["selection", "causal", "data", "data"]
+    assert [item.stage for item in start.artifacts] == ["expert", "causal", "data", "data"]
     (train,) = start.train
     np.testing.assert_array_equal(train.states, pipeline.dataset(stages, "train").states)
 

@@ -50,7 +50,7 @@ MANIFESTS = {
     "other hash": ("data", edit_manifest(digest="0" * 64, sealed=False), "was edited"),
     "other preset": ("cem", edit_manifest(preset="laptop", sealed=False), "was edited"),
     "other seed": ("dagger", edit_manifest(seed=9, sealed=False), "was edited"),
-    "other parameters, sealed": ("expert", edit_manifest(parameters={}), "belongs to selection-"),
+    "other parameters, sealed": ("expert", edit_manifest(parameters={}), "belongs to expert-"),
     "other upstream, sealed": ("transformer", edit_manifest(upstream=["0"]), "belongs to trans"),
     "other stage, sealed": ("causal", edit_manifest(stage="mlp"), "belongs to mlp-"),
     "later version, sealed": ("data", edit_manifest(version=99), "belongs to data-"),

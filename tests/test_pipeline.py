@@ -36,9 +36,8 @@ def test_policies_are_stored_with_card_and_log_and_the_expert_acts(stages):
     log = expert_plots.read_log(artifact.file("timing_log.csv"))
     assert log["step"][-1] == card["steps"] >= 112
     assert {"plain_reward", "falls", "seconds"} <= set(log)
-    assert set(pipeline.expert_artifact(stages).manifest["files"]) == {
-        "card.json", "expert.safetensors", "trials.json",
-    }  # fmt: skip
+    names = {item.name for item in (pipeline.first_expert_artifact(stages), artifact)}
+    assert pipeline.expert_artifact(stages).name in names
     expert = pipeline.expert(stages)
     expert.reset(3)
     actions = expert.act(Observation(np.zeros((3, 49)), None, np.zeros(3), np.zeros((3, 3)), 0))

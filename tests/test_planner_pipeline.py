@@ -139,7 +139,7 @@ def test_oracle_trials_are_smaller_and_depend_on_no_model(stages, asked):
     for item in asked:
         assert isinstance(item.model, OracleModel)
         assert item.model.context == stages.causal.context
-        assert [source.stage for source in item.upstream] == ["selection"]
+        assert [source.stage for source in item.upstream] == ["expert"]
 
 
 SMOKE = get_preset("smoke")

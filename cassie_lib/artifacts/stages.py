@@ -51,9 +51,7 @@ _RESUME = ("planning/resume.py",)
 #: Raise a version here when a stage's results change; see :class:`Stage`.
 STAGES = {
     "expert": Stage(1, (*_WALKING, "expert"), by_content=True),
-    "selection": Stage(
-        1, (*_WALKING, "walking_report", "expert", "expert_selection"), by_content=True
-    ),
+    "selection": Stage(1, (*_WALKING, "walking_report", "expert", "expert_selection")),
     "walking": Stage(1, (*_WALKING, "expert")),
     "data": Stage(1, (*_WALKING, "expert", "data")),
     "mlp": Stage(2, _LEARNING, _WINDOWED, by_content=True),

@@ -171,8 +171,8 @@ def plot_imagined(trials: Mapping[str, PlannedEpisodes], horizon: int) -> Drawn:
     """Imagined against realised return of every plan, and their difference before the end.
 
     Both are Eq 3.11 over the reward that the planner maximises, foot term included, without what
-    counts beyond the horizon.  The plan is made anew at every step, so the realised return is not that of the plan
-    itself.
+    counts beyond the horizon.  The plan is made anew at every step, so the realised return is not
+    that of the plan itself.
 
     Args:
         trials: Trials by label.

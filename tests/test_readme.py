@@ -81,6 +81,17 @@ def test_medians_at_the_zero_mean_are_the_stored_ones():
     assert f"steps [{low:g}, {high:g}]" in screen
 
 
+def test_drift_is_the_stored_one():
+    """In the table of trainings, and for Gradient-CEM and the long walk on the first screen."""
+    (shown,) = re.findall(r"^\| median speed to the side, [^|]*\| ([^|]*) \|", TEXT, re.M)
+    records = {item["id"]: item for item in results.read_results("laptop")}
+    speeds = [records[f"{number}-side-speed"]["value"] for number in ("06", "07", "08")]
+    assert shown.split(", ") == [f"{speed:.3f}" for speed in speeds]
+    screen = " ".join(TEXT.split("## Results")[0].split())
+    here, long = (f"{abs(speed):.3f}" for speed in speeds[1:])
+    assert f"drifts to the side by {here} m/s here and by {long} m/s in the 92 s" in screen
+
+
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(\w+)`", NOTATION))))
 def test_code_names_of_the_notation_table_exist(name):
     assert re.search(rf"\b{name}\b", SOURCE)

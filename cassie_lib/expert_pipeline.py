@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 from cassie_lib.artifacts import WORK, Artifact, load_or_compute
 from cassie_lib.expert.policy import Expert, load_expert, save_expert
@@ -42,7 +43,7 @@ def expert_artifact(preset: Preset) -> Artifact:
 def expert_scores(preset: Preset) -> dict[str, Score]:
     """What trials say of the policies after the first and the second training, by artifact."""
     policies = [first_expert_artifact(preset), continued_expert_artifact(preset)]
-    protocol = {
+    protocol: dict[str, Any] = {
         "episodes": min(_EPISODES, preset.evaluation.expert_seeds),
         "steps": preset.evaluation.short_steps,
         "timestep_s": preset.simulation.timestep_s,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cassie_lib import dagger_pipeline, pipeline, planner_pipeline
 from cassie_lib.dynamics.store import load_model
+from cassie_lib.expert.policy import load_expert
 from cassie_lib.presets import CollectionParameters, SimulationParameters, get_preset, replace
 
 SMOKE = get_preset("smoke")
@@ -25,7 +26,8 @@ TINY = replace(
 )
 #: Loads what an artifact holds, as the stages and figures after it do.
 LOADERS = {
-    "expert": lambda: pipeline.expert(TINY),
+    # One policy, whichever is the expert: what changes it has it tried again.
+    "expert": lambda: load_expert(pipeline.continued_expert_artifact(TINY).path),
     "data": lambda: pipeline.dataset(TINY, "train"),
     "mlp": lambda: load_model(pipeline.mlp_artifact(TINY).path, "mlp"),
     "transformer": lambda: load_model(pipeline.transformer_artifact(TINY).path, "transformer"),
@@ -34,7 +36,7 @@ LOADERS = {
     "dagger": lambda: dagger_pipeline.dagger(TINY, rounds=1),
 }
 ARTIFACTS = {
-    "expert": lambda: pipeline.expert_artifact(TINY),
+    "expert": lambda: pipeline.continued_expert_artifact(TINY),
     "data": lambda: pipeline.dataset_artifact(TINY, "train"),
     "wide": lambda: pipeline.dataset_artifact(TINY, "wide"),
     "mlp": lambda: pipeline.mlp_artifact(TINY),

@@ -35,14 +35,13 @@ def expert_artifact(preset: Preset) -> Artifact:
 
     Of the two policies it is the one that does better in trials (:func:`expert_scores`).
     """
-    policies = [first_expert_artifact(preset), continued_expert_artifact(preset)]
     chosen = select(expert_scores(preset))
-    return next(item for item in policies if item.name == chosen)
+    return next(item for item in _policies(preset) if item.name == chosen)
 
 
 def expert_scores(preset: Preset) -> dict[str, Score]:
     """What trials say of the policies after the first and the second training, by artifact."""
-    policies = [first_expert_artifact(preset), continued_expert_artifact(preset)]
+    policies = _policies(preset)
     protocol: dict[str, Any] = {
         "episodes": min(_EPISODES, preset.evaluation.expert_seeds),
         "steps": preset.evaluation.short_steps,
@@ -61,6 +60,11 @@ def expert_scores(preset: Preset) -> dict[str, Score]:
     )  # fmt: skip
     scores = json.loads(stored.file(_SCORES).read_text())
     return {item.name: Score(**scores[item.name]) for item in policies}
+
+
+def _policies(preset: Preset) -> list[Artifact]:
+    """Those of which one becomes the expert, in the order in which they were trained."""
+    return [first_expert_artifact(preset), continued_expert_artifact(preset)]
 
 
 def expert_choice(preset: Preset) -> str:

@@ -100,9 +100,6 @@ def record_cache_gain(preset: str, parameters: CEMParameters, gain: float) -> st
     return f"{claim}: {gain:.3g}"
 
 
-__all__ = ["record_cache_gain", "record_gradient_memory", "record_plan_time"]
-
-
 def record_side_speed(
     claim_id: str, figure: str, claim: str, found: PlannedEpisodes, provenance: Provenance
 ) -> str:
@@ -132,3 +129,11 @@ def record_side_speed(
     if interval is not None:
         told += f" [{interval[0]:+.3f}, {interval[1]:+.3f}]"
     return f"{claim}: {told} ({reason})"
+
+
+__all__ = [
+    "record_cache_gain",
+    "record_gradient_memory",
+    "record_plan_time",
+    "record_side_speed",
+]

@@ -182,11 +182,11 @@ def reward_trials(preset: Preset, planner: str) -> dict[str, Trial]:
     The preset's own reward is taken from the full trial, which begins with the same steps.
     """
     steps = preset.evaluation.ablation_steps
-    unhurried, flat = {"speed_weight": 0.0}, {"foot_weight": 0.0}
+    no_speed, no_lift = {"speed_weight": 0.0}, {"foot_weight": 0.0}
     wanted = {
-        "Eq 3.11 alone": {"steps": steps, "changes": unhurried | flat | {"terminal_weight": 0.0}},
-        "with the critic": {"steps": steps, "changes": unhurried | flat},
-        "with the critic and the foot term": {"steps": steps, "changes": unhurried},
+        "Eq 3.11 alone": {"steps": steps, "changes": no_speed | no_lift | {"terminal_weight": 0.0}},
+        "with the critic": {"steps": steps, "changes": no_speed | no_lift},
+        "with the critic and the foot term": {"steps": steps, "changes": no_speed},
         "with the critic, the foot term and the speed of a cycle": {},
     }
     return planner_trials(preset, planner, wanted)

@@ -102,18 +102,22 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, json.dumps(plain(value, path.name), indent=1, ensure_ascii=False) + "\n")
 
 
+#: A wait that is over in a moment is not worth a line.
+_PATIENCE_S = 1.0
+
+
 @contextmanager
 def locked(path: Path, reason: str) -> Iterator[None]:
     """Hold an inter-process lock; a killed process gives its lock back.
 
     Args:
         path: The lock file; it stays, empty, for the next one.
-        reason: What is waited for, printed once when another process holds the lock.
+        reason: What is waited for, printed once when another process holds the lock for long.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = FileLock(path)
     try:
-        lock.acquire(timeout=0)
+        lock.acquire(timeout=_PATIENCE_S)
     except Timeout:
         print(f"waiting for another process: {reason}", file=sys.stderr, flush=True)
         lock.acquire()

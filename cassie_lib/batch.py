@@ -126,7 +126,7 @@ def _snakemake(jobs: int, extra: tuple[str, ...], config: list[str]) -> list[str
 
 def _finish(preset: str) -> None:
     from cassie_lib.gallery import build_gallery
-    from cassie_lib.results import update_readme
+    from cassie_lib.readme import update_readme
 
     if preset == "laptop":
         update_readme()

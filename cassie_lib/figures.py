@@ -1,6 +1,6 @@
 """One style for all figures; each is saved with the data that it shows and where they come from.
 
-``python -m cassie_lib.figures readme`` writes the README's results table anew.
+``python -m cassie_lib.figures readme`` writes the README's tables of results anew.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from cassie_lib.errors import CassieError, ParameterError, ShapeError
 from cassie_lib.files import replacing, write_json
 from cassie_lib.intervals import bootstrap_interval
 from cassie_lib.provenance import Provenance, provenance_line
-from cassie_lib.results import read_results, record_result, results_table, update_readme
+from cassie_lib.readme import update_readme
+from cassie_lib.results import read_results, record_result, results_table
 
 #: Width of the thesis's text column, in inches.
 COLUMN_WIDTH_IN = 5.9
@@ -177,7 +178,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("usage: python -m cassie_lib.figures readme", file=sys.stderr)
         return 2
     try:
-        print("README.md: results " + ("written" if update_readme() else "are up to date"))
+        print("README.md: tables " + ("written" if update_readme() else "are up to date"))
     except CassieError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -1,4 +1,4 @@
-"""``figures/results.json``: one record per claim, and the README's table made from it."""
+"""``figures/results.json``: one record per claim, and the tables of the README made from it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import Any
 from cassie_lib import paths
 from cassie_lib.code_version import git_commit, lock_hash
 from cassie_lib.errors import DataError, NonFiniteError, ParameterError, unknown_name
-from cassie_lib.files import locked, write_json, write_text
+from cassie_lib.files import locked, write_json
 from cassie_lib.presets import get_preset
 from cassie_lib.provenance import changed_parameters
 
 VERDICTS = ("reproduced", "better", "not reproduced", "not comparable")
-BEGIN, END = "<!-- results:begin -->", "<!-- results:end -->"
 #: File to which :func:`record_result` adds the ids that it writes.
 MADE = "CASSIE_CLAIM_LOG"
 _CLAIM = re.compile(r"\d\d-[a-z0-9]+(-[a-z0-9]+)*")
@@ -32,7 +31,7 @@ class Result(dict[str, Any]):
     def __repr__(self) -> str:
         """Ours, the thesis's and the verdict."""
         thesis = _number(self["thesis_value"], self["unit"])
-        return f"{self['id']}: {_ours(self)}; thesis ({self['figure']}) {thesis}: {self['verdict']}"
+        return f"{self['id']}: {ours(self)}; thesis ({self['figure']}) {thesis}: {self['verdict']}"
 
 
 def results_file(preset: str) -> Path:
@@ -47,12 +46,19 @@ def read_results(preset: str = "laptop") -> list[dict[str, Any]]:
         DataError: If the file cannot be read.
     """
     file = results_file(preset)
-    if not file.exists():
-        return []
+    return read_records(file) if file.exists() else []
+
+
+def read_records(file: Path) -> list[dict[str, Any]]:
+    """Records of any ``results.json``, sorted by claim.
+
+    Raises:
+        DataError: If the file cannot be read.
+    """
     try:
         records = json.loads(file.read_text(encoding="utf-8"))
         return sorted(records, key=lambda record: record["id"])
-    except (ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError):
         raise DataError(f"{file.name} cannot be read: expected a JSON list of records") from None
 
 
@@ -179,7 +185,8 @@ def _number(value: Any, unit: str = "") -> str:
     return f"{text} {unit}" if unit and not isinstance(value, str) else text
 
 
-def _ours(record: dict[str, Any]) -> str:
+def ours(record: dict[str, Any]) -> str:
+    """Value, unit, interval and number of seeds of a record, as the README's tables show them."""
     text = _number(record["value"], record["unit"])
     if record["interval"]:
         low, high = record["interval"]
@@ -192,10 +199,10 @@ def _ours(record: dict[str, Any]) -> str:
 def _row(record: dict[str, Any]) -> str:
     number, reason = record["id"][:2], record["reason"]
     if record["thesis_value"] is None:
-        last = [_ours(record), reason]
+        last = [ours(record), reason]
     else:
         verdict = f"**{record['verdict']}**" + (f": {reason}" if reason else "")
-        last = [_number(record["thesis_value"], record["unit"]), _ours(record), verdict]
+        last = [_number(record["thesis_value"], record["unit"]), ours(record), verdict]
     cells = [
         record["figure"],
         record["claim"] or record["id"][3:].replace("-", " "),
@@ -225,20 +232,3 @@ def results_table() -> str:
 
 def _header(columns: tuple[str, ...]) -> str:
     return "| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|\n"
-
-
-def update_readme() -> bool:
-    """Rewrite the README's results table; returns whether anything changed.
-
-    Raises:
-        DataError: If the README lacks the two marks or ``results.json`` cannot be read.
-    """
-    text = paths.README.read_text(encoding="utf-8")
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise DataError(f"{paths.README.name} lacks a mark: expected {BEGIN} and then {END}")
-    updated = f"{before}{BEGIN}\n\n{results_table()}\n{END}{after}"
-    if updated != text:
-        write_text(paths.README, updated)
-    return updated != text

@@ -181,10 +181,10 @@ def test_a_run_within_a_request_does_not_end_it(house, monkeypatch):
 
 @pytest.mark.parametrize(("preset", "updates"), [("laptop", 1), ("smoke", 0)])
 def test_only_the_laptop_preset_writes_the_readme(preset, updates, house, monkeypatch, capsys):
-    from cassie_lib import gallery, results
+    from cassie_lib import gallery, readme
 
     called = []
-    monkeypatch.setattr(results, "update_readme", lambda: called.append("readme"))
+    monkeypatch.setattr(readme, "update_readme", lambda: called.append("readme"))
     monkeypatch.setattr(gallery, "build_gallery", lambda name: paths.ROOT / name / "index.html")
     batch._finish(preset)
     assert len(called) == updates

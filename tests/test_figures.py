@@ -178,7 +178,14 @@ def test_bad_results_are_refused(changes, error):
     assert not (paths.FIGURES / "results.json").exists()
 
 
-def test_readme_table_is_written_between_its_marks():
+README = """before
+<!-- results:begin -->old<!-- results:end -->
+<!-- replicates:begin -->old<!-- replicates:end -->
+after
+"""
+
+
+def test_readme_tables_are_written_between_their_marks():
     paths.NOTEBOOKS.mkdir()
     (paths.NOTEBOOKS / "06_cem.ipynb").write_text("{}")
     executed = paths.FIGURES / "executed" / "06_cem.ipynb"
@@ -186,7 +193,7 @@ def test_readme_table_is_written_between_its_marks():
     executed.write_text('{"metadata": {"papermill": {"duration": 120}}}')
     result(claim="reward | step", reason="model | gap", unit="1")
     result("07-steps", value=None, interval=None, thesis_value="about 126", seeds=1)
-    paths.README.write_text(f"before\n{results.BEGIN}\nold\n{results.END}\nafter\n")
+    paths.README.write_text(README)
     assert figures.main(["readme"]) == 0
     text = paths.README.read_text()
     assert "old" not in text
@@ -197,7 +204,7 @@ def test_readme_table_is_written_between_its_marks():
     assert "2.0 / 1.5" in row
     assert "0.8 1 [0.7, 0.9], 10 seeds" in row
     assert len(re.split(r"(?<!\\)\|", row)) == 10
-    assert not results.update_readme(), "nothing changes the second time"
+    assert not figures.update_readme(), "nothing changes the second time"
 
 
 def test_damaged_results_and_readme_are_reported(capsys):

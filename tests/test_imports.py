@@ -19,7 +19,7 @@ physics_checks
 controllers recording walking walking_report
 expert data dynamics planning dagger
 expert_selection expert_pipeline data_pipeline pipeline planner_pipeline dagger_pipeline grid_search
-stamps results figures video plots mlp_claims transformer_claims planner_claims
+stamps results replication readme figures video plots mlp_claims transformer_claims planner_claims
 gallery notebook_run batch
 """.split()
 WITHOUT_TORCH = """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,10 @@ from cassie_lib.provenance import changed_parameters
 VERDICTS = ("reproduced", "better", "not reproduced", "not comparable")
 #: File to which :func:`record_result` adds the ids that it writes.
 MADE = "CASSIE_CLAIM_LOG"
+#: What the tables read of a record.
+_SHOWN = frozenset(
+    "id claim figure value interval unit seeds thesis_value verdict reason wall_time_s".split()
+)
 _CLAIM = re.compile(r"\d\d-[a-z0-9]+(-[a-z0-9]+)*")
 _COLUMNS = ("Thesis", "Claim", "Notebook", "Command", "Minutes here (cached / from nothing)")
 _COMPARED = (*_COLUMNS, "Thesis's number", "Ours [95 % interval]", "Verdict")
@@ -57,9 +62,12 @@ def read_records(file: Path) -> list[dict[str, Any]]:
     """
     try:
         records = json.loads(file.read_text(encoding="utf-8"))
-        return sorted(records, key=lambda record: record["id"])
-    except (OSError, ValueError, KeyError, TypeError):
+        lacking = sorted({name for record in records for name in _SHOWN - record.keys()})
+        if not lacking:
+            return sorted(records, key=lambda record: record["id"])
+    except (OSError, ValueError, TypeError, AttributeError):
         raise DataError(f"{file.name} cannot be read: expected a JSON list of records") from None
+    raise DataError(f"{file.name} lacks {', '.join(lacking)}: expected them in every record")
 
 
 def record_result(
@@ -196,22 +204,26 @@ def ours(record: dict[str, Any]) -> str:
     return text
 
 
-def _row(record: dict[str, Any]) -> str:
+def claim_of(record: dict[str, Any]) -> str:
+    """What a record claims, in words."""
+    return str(record["claim"] or record["id"][3:].replace("-", " "))
+
+
+def _row(record: dict[str, Any]) -> list[str]:
     number, reason = record["id"][:2], record["reason"]
     if record["thesis_value"] is None:
         last = [ours(record), reason]
     else:
         verdict = f"**{record['verdict']}**" + (f": {reason}" if reason else "")
         last = [_number(record["thesis_value"], record["unit"]), ours(record), verdict]
-    cells = [
+    return [
         record["figure"],
-        record["claim"] or record["id"][3:].replace("-", " "),
+        claim_of(record),
         _notebook(number),
         f"`make figures ONLY={number}`",
         f"{_cached_minutes(number)} / {record['wall_time_s'] / 60:.1f}",
         *last,
     ]
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
 
 
 def results_table() -> str:
@@ -223,12 +235,15 @@ def results_table() -> str:
     records = read_results("laptop")
     if not records:
         return "No results yet: `make figures` writes them.\n"
-    parts: dict[tuple[str, ...], list[str]] = {_COMPARED: [], _OWN: []}
+    parts: dict[tuple[str, ...], list[list[str]]] = {_COMPARED: [], _OWN: []}
     for record in records:
         parts[_OWN if record["thesis_value"] is None else _COMPARED].append(_row(record))
-    tables = [_header(columns) + "".join(rows) for columns, rows in parts.items() if rows]
+    tables = [markdown_table(columns, rows) for columns, rows in parts.items() if rows]
     return "\nWhat the thesis gives no number for:\n\n".join(tables)
 
 
-def _header(columns: tuple[str, ...]) -> str:
-    return "| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|\n"
+def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table; bars inside its cells are escaped."""
+    lines = [[cell.replace("|", "\\|") for cell in line] for line in (columns, *rows)]
+    header, *body = ("| " + " | ".join(line) + " |\n" for line in lines)
+    return header + "|---" * len(columns) + "|\n" + "".join(body)
